@@ -39,8 +39,7 @@ from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import EGO_LENGTH_M
 
 LAYOUTS = range(6)
-
-
+LoneYield = Callable[..., MapScenarios]
 MAPS: dict[str, tuple[PoolRow, PlainNet]] = {
     "yield": (crossroads(), cross_plain()),
     "speed_limit": two_way(length=300.0),
@@ -188,17 +187,26 @@ def build(
     """A site of some of its variants, from the hand-made crop. paired: None = as the recipe says."""
     row, crop = MAPS[type_id]
 
-    def some(kind: str, map_id: str) -> tuple[Variant, ...]:
-        return tuple(v for v in variants_of(kind, map_id) if v.number in numbers)
-
     monkeypatch.setattr(site_module, "plain_crop", lambda *_: crop)
-    monkeypatch.setattr(site_module, "variants_of", some)
+    monkeypatch.setattr(site_module, "variants_of", lambda *of: [variants_of(*of)[k] for k in numbers])
     recipe = recipe_of(type_id)
     recipe = replace(
         recipe, violating_baseline=violating_baseline, paired=recipe.paired if paired is None else paired
     )
     builder = SiteBuilder(recipe, root, simulation(), prover or Recorder())
     return builder.build(row, None, "test")  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def lone_yield(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> LoneYield:
+    """Builds variants of `yield` without contrast halves, each time below a folder of its own name."""
+
+    def built(
+        folder: str, numbers: tuple[int, ...], prover: Recorder | None = None, **more: str
+    ) -> MapScenarios:
+        return build("yield", tmp_path / folder, monkeypatch, numbers, prover, paired=False, **more)
+
+    return built
 
 
 @pytest.mark.parametrize("type_id", sorted(MAPS))
@@ -240,68 +248,43 @@ def test_an_unfit_map_is_a_reason_not_an_error(tmp_path: Path, monkeypatch: pyte
     assert not list(tmp_path.rglob("*.gz"))
 
 
-def test_a_variant_is_drawn_anew_until_it_is_solved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    site = build(
-        "yield",
-        tmp_path,
-        monkeypatch,
-        (0, 1),
-        Recorder(lambda spec, k: (spec.variant == 0 or k == 2, True)),
-        paired=False,
-    )
+def test_a_variant_is_drawn_anew_until_it_is_solved(tmp_path: Path, lone_yield: LoneYield) -> None:
+    site = lone_yield("kept", (0, 1), Recorder(lambda spec, k: (spec.variant == 0 or k == 2, True)))
     assert [c.attempt for c in site.certificates] == [0, 2]
     # The files are those of the draw that was kept, and another draw is another scene.
-    loader = SceneLoader(SceneFolder(tmp_path))
+    loader = SceneLoader(SceneFolder(tmp_path / "kept"))
     for row, certificate in zip(site.rows, site.certificates, strict=True):
         loader.load(row)
         assert certificate.digest == row.additional_sha256
-    first = build("yield", tmp_path / "first", monkeypatch, (0, 1), paired=False)
+    first = lone_yield("first", (0, 1))
     assert first.rows[0] == site.rows[0]
     assert first.rows[1].additional_sha256 != site.rows[1].additional_sha256
     assert first.rows[1].seed != site.rows[1].seed
 
 
-def test_a_map_that_nobody_solves_is_unfit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    site = build(
-        "yield",
-        tmp_path,
-        monkeypatch,
-        (0, 1),
-        Recorder(lambda spec, _: (spec.variant == 0, True)),
-        paired=False,
-    )
+def test_a_map_that_no_expert_solves_is_unfit(lone_yield: LoneYield) -> None:
+    site = lone_yield("unsolved", (0, 1), Recorder(lambda spec, _: (spec.variant == 0, True)))
     assert site.rows == ()
     assert site.reason == "variant 1, 4 draws, at last: no expert solves it"
 
 
-def test_one_of_ten_need_not_tempt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_of_ten_need_not_tempt(
+    tmp_path: Path, lone_yield: LoneYield, monkeypatch: pytest.MonkeyPatch
+) -> None:
     # Of the two that are built here one is half.
     monkeypatch.setattr(site_module, "UNTEMPTING_MOST", 0.5)
-    site = build(
-        "yield",
-        tmp_path,
-        monkeypatch,
-        (0, 1),
-        Recorder(lambda spec, k: (k > 0, spec.variant == 0)),
-        paired=False,
-    )
+    site = lone_yield("half", (0, 1), Recorder(lambda spec, k: (k > 0, spec.variant == 0)))
     assert [(c.attempt, c.tempting) for c in site.certificates] == [(1, True), (1, False)]
-    SceneLoader(SceneFolder(tmp_path)).load(site.rows[1])
-    dull = build(
-        "yield", tmp_path / "dull", monkeypatch, (0, 1), Recorder(lambda *_: (True, False)), paired=False
-    )
+    SceneLoader(SceneFolder(tmp_path / "half")).load(site.rows[1])
+    dull = lone_yield("dull", (0, 1), Recorder(lambda *_: (True, False)))
     assert dull.reason == "2 variants do not tempt idm"
 
 
-def test_a_draw_whose_violating_baseline_keeps_the_rule_is_drawn_anew(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_draw_whose_violating_baseline_keeps_the_rule_is_drawn_anew(lone_yield: LoneYield) -> None:
     late = Recorder(broken=lambda attempt: attempt == 2)
-    site = build("yield", tmp_path, monkeypatch, (0,), late, violating_baseline="reckless", paired=False)
+    site = lone_yield("late", (0,), late, violating_baseline="reckless")
     assert [c.attempt for c in site.certificates] == [2]
     # Where none of the draws shows it, the first that is solved and tempts is as good as any.
     never = Recorder(lambda _, k: (True, k > 0), broken=lambda _: False)
-    site = build(
-        "yield", tmp_path / "never", monkeypatch, (0,), never, violating_baseline="reckless", paired=False
-    )
+    site = lone_yield("never", (0,), never, violating_baseline="reckless")
     assert [(c.attempt, c.tempting) for c in site.certificates] == [(1, True)]

@@ -107,7 +107,7 @@ def test_half_a_second_and_then_3_5_mps2_bring_the_ego_to_the_limit_at_the_plate
 
 
 @pytest.mark.parametrize("type_id", ZONES)
-def test_the_contrast_half_posts_a_value_at_least_1_6_times_as_high(
+def test_the_contrast_half_posts_another_value_and_asks_not_to_be_slow(
     networks: dict[str, RoadNetwork], type_id: str
 ) -> None:
     task = task_of(networks, type_id)
@@ -116,12 +116,10 @@ def test_the_contrast_half_posts_a_value_at_least_1_6_times_as_high(
     other = placement.contrast(task, signed)
     assert other is not None
     (first, end), (high, high_end) = signed.signs, other.signs
-    assert high.posted >= 1.6 * first.posted - 0.5
     codes = ("3.24", "3.25") if type_id == "speed_limit" else ("5.31", "5.32")
     assert (high, high_end) == tuple(
         replace(s, code=code, value=high.posted) for s, code in zip((first, end), codes, strict=True)
     )
-    # Other traffic, too, is the same.
     assert replace(other, signs=signed.signs, contrast=()) == signed
     (clause,) = other.contrast
     slow = clause.params
@@ -129,17 +127,6 @@ def test_the_contrast_half_posts_a_value_at_least_1_6_times_as_high(
     assert (clause.name, slow.zone_edges, slow.start_m) == ("needless_slow", signed.route_hint[1:-1], 0.0)
     assert slow.end_m == pytest.approx(high_end.x - high.x, abs=0.5)
     assert slow.limit_kmh == pytest.approx(min(high.posted, task.row.speed_mps * 3.6))
-
-
-@pytest.mark.parametrize("type_id", ZONES)
-def test_no_other_vehicle_drives_the_egos_way_and_oncoming_drivers_keep_the_lower_limit(
-    networks: dict[str, RoadNetwork], type_id: str
-) -> None:
-    """The other half's plates, the lower limit among them, face the oncoming direction."""
-    a = place(networks, type_id)
-    assert a.closed_edges == set(a.route_hint)
-    limit = a.signs[0].posted / 3.6
-    assert [d.speed for d in a.drivers] == [min(CALM.speed, limit), min(5.0, limit)]
 
 
 @pytest.mark.parametrize(
@@ -273,7 +260,7 @@ def test_maps_that_are_too_short_or_too_narrow(networks: dict[str, RoadNetwork])
 
 
 @pytest.mark.parametrize("type_id", MADE)
-def test_a_site_is_sound_and_only_oncoming_vehicles_are_there(
+def test_a_site_is_sound_and_has_only_oncoming_vehicles_that_keep_the_lower_limit(
     type_id: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(site_module, "plain_crop", lambda *_: MADE[type_id][1])
@@ -285,6 +272,7 @@ def test_a_site_is_sound_and_only_oncoming_vehicles_are_there(
         assert list(lint_scene(scene, roads.graph)) == []
         others = [v for v in scene_vehicles(scene) if v.id != EGO_ID]
         assert bool(others) == bool(row.density) == (type_id != "min_speed")
+        # The other half's plates face them: no driver is faster than the lower limit of the two halves.
         lower = min(r.sign_value or 0.0 for r in site.rows if r.variant == row.variant)
         assert {v.edges for v in others} <= {("back",)}
         assert all(v.speed * 3.6 <= lower + 0.1 for v in others)
