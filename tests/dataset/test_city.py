@@ -249,16 +249,16 @@ def test_why_a_town_carries_no_more_of_a_type(described: Callable[..., str]) -> 
     city = load_city(described({"split": {"tile_m": 1000, "test_share": 1.0}, "maps": {"test": 2, "dev": 1}}))
     pool = [row("j-1", "junction", "T"), row("j-2", "junction", "T", east=5000.0)]
     catalog = load_catalog()
-    recipes = [load_recipe(type_id, catalog) for type_id in ("yield", "roundabout", "stop")]
+    recipes = [load_recipe(type_id, catalog) for type_id in ("yield", "roundabout", "main_road")]
     report = [
         {"type_id": "yield", "split": "test", "maps": {"T": 1}, "reasons": {"the arm is # m long": 1}},
-        {"type_id": "stop", "split": "test", "maps": {"T": 2}, "reasons": {"the arm is # m long": 1}},
+        {"type_id": "main_road", "split": "test", "maps": {"T": 2}, "reasons": {"the arm is # m long": 1}},
     ]
     found = {
         (c.type_id, c.split): (c.there, c.maps, c.wanted, c.why) for c in carried(city, pool, recipes, report)
     }
     assert found["yield", "test"] == (2, 1, 2, "1 the arm is … m long")
-    assert found["stop", "test"] == (2, 2, 2, "")
+    assert found["main_road", "test"] == (2, 2, 2, "")
     assert found["yield", "dev"] == (0, 0, 1, "no junction of T, X in its tiles")
     assert found["roundabout", "test"] == (0, 0, 2, "no roundabout of ring in its tiles")
     assert [c.why for c in carried(city, pool, recipes[:1], []) if c.split == "test"] == ["not built yet"]

@@ -9,24 +9,25 @@ from own_copy import ROOT, Copy, records
 from tsbench.scenarios.table import read_table, table_path
 
 TYPE = "tunnel_speed"
-# The road of three lanes that other tests build on stands for a map of the pool (argument: its name).
+# The road of two directions that other tests build on stands for a map of the pool (argument: its name).
 BUILD = """
 import sys
+from dataclasses import replace
 from pathlib import Path
-from pool_builders import corridor
-from simworld import LIMIT, road_plain, simulation, store_scenes
+from pool_builders import two_way
+from simworld import LIMIT, simulation, store_scenes
 from tsbench.dataset.scenes import map_scenarios
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.scenarios.table import write_table, table_path
 from tsbench.signs.catalog import load_catalog
 
-LENGTH_M = 240.0
-map_scenarios.plain_crop = lambda *_: road_plain(LENGTH_M)
+row, crop = two_way(speed=LIMIT)
+map_scenarios.plain_crop = lambda *_: crop
 every = map_scenarios.variants_of
 map_scenarios.variants_of = lambda *of: tuple(v for v in every(*of) if v.number < 2)
 recipe = load_recipe("tunnel_speed", load_catalog())
 built = map_scenarios.SiteBuilder(recipe, Path("built"), simulation()).build(
-    corridor(sys.argv[1], length=LENGTH_M, speed=LIMIT), None, "test"
+    replace(row, map_id=sys.argv[1]), None, "test"
 )
 assert not built.reason, built.reason
 store_scenes(built.rows, Path("built"), Path("scenarios"))

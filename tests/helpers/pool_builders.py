@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 from typing import Any
 
+from simworld import FAST
+
+from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
 from tsbench.scenarios.map_pool import PoolRow
 
 
@@ -25,6 +28,21 @@ def row(
 def corridor(name: str = "c-made-1", **more: Any) -> PoolRow:
     """The straight road of three lanes, as a corridor."""
     return row(name, **{"lanes": 3, "length": 300.0, "edge": "road", **more})
+
+
+def two_way(
+    road_class: str = "secondary", speed: float = FAST, length: float = 240.0
+) -> tuple[PoolRow, PlainNet]:
+    """A straight road with two lanes in each direction, as a corridor, and its crop: edges `road` and `back`."""
+    there = ((0.0, 0.0), (length, 0.0))
+    a, b = (PlainNode(name, *at) for name, at in zip("ab", there, strict=True))
+    kind = {"num_lanes": 2, "speed": speed, "priority": 9, "type": f"highway.{road_class}"}
+    edges = (
+        PlainEdge("road", "a", "b", shape=there, **kind),
+        PlainEdge("back", "b", "a", shape=there[::-1], **kind),
+    )
+    row = corridor(speed=speed, length=length, lanes=2, opposite="back", road_class=road_class)
+    return row, PlainNet((a, b), edges, ())
 
 
 def crossroads(name: str = "j-made-1", **more: Any) -> PoolRow:

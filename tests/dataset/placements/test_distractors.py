@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pool_builders import corridor, crossroads
+from pool_builders import corridor, crossroads, two_way
 from simworld import FAST, cross_plain, road_plain, simulation
 from test_route_scenes import TYPES, ways
 
 from tsbench.core.benchmark import SIGN_RANGE_M
-from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
+from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.scenes import map_scenarios as site_module
 from tsbench.dataset.scenes.map_scenarios import SiteBuilder
 from tsbench.dataset.scenes.place_lint import lint_places
@@ -26,20 +26,6 @@ from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.scene import Scene
-
-
-def two_way(road_class: str = "secondary", speed: float = FAST) -> tuple[PoolRow, PlainNet]:
-    """240 m of road with two lanes in each direction."""
-    there = ((0.0, 0.0), (240.0, 0.0))
-    a, b = (PlainNode(name, *at) for name, at in zip("ab", there, strict=True))
-    kind = {"num_lanes": 2, "speed": speed, "priority": 9, "type": f"highway.{road_class}"}
-    edges = (
-        PlainEdge("road", "a", "b", shape=there, **kind),
-        PlainEdge("back", "b", "a", shape=there[::-1], **kind),
-    )
-    row = corridor(speed=speed, length=240.0, lanes=2, opposite="back", road_class=road_class)
-    return row, PlainNet((a, b), edges, ())
-
 
 AT_LINE = ("yield", "stop", "secondary_road", "main_road")
 CROSS = (crossroads(), cross_plain())

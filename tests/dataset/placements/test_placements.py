@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pool_builders import corridor, crossroads, dual_path
-from simworld import CALM, FAST, LIMIT, cross_plain, edge, plain, road_plain, simulation
+from pool_builders import corridor, crossroads, two_way
+from simworld import CALM, LIMIT, cross_plain, road_plain, simulation
+from test_route_scenes import TYPES, ways
 
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
@@ -35,33 +36,15 @@ from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.world import EGO_LENGTH_M
 
 LAYOUTS = range(6)
-
-
-def left_block() -> PlainNet:
-    """From a to b, then left to c and d, or straight on and round by u and v, which is longer."""
-    places = {"a": (50, 0), "b": (150, 0), "c": (150, 70), "d": (90, 70), "u": (210, 0), "v": (210, 70)}
-    n = {k: PlainNode(k, float(x), float(y)) for k, (x, y) in places.items()}
-    pairs = ["ab", "bc", "cd", "bu", "uv", "vc"]
-    edges = [edge(n[p[0]], n[p[1]]) for p in pairs]
-    # Nobody turns back into the short way where the ways meet: who goes on it would have to let them go first.
-    edges += [edge(n[p[1]], n[p[0]]) for p in pairs if p != "bc"]
-    return plain(list(n.values()), edges)
-
-
-LEFT = dual_path(
-    signed_edge="ab", start_edge="ab", junction="b", destination_edge="cd", compliant_m=230.0, short=["bc", "cd"],
-    compliant=["bu", "uv", "vc", "cd"],
-)  # fmt: skip
-LEFT = replace(LEFT, slot="l_s", shape="T")
+LoneYield = Callable[..., MapScenarios]
 MAPS: dict[str, tuple[PoolRow, PlainNet]] = {
     "yield": (crossroads(), cross_plain()),
-    "speed_limit": (corridor(speed=FAST), road_plain(speed=FAST)),
+    "speed_limit": two_way(length=300.0),
     "detour_right": (corridor(speed=LIMIT), road_plain()),
-    "no_turn_left": (LEFT, left_block()),
+    "no_turn_left": ways(*TYPES["no_turn_left"]),
 }
 
 
@@ -122,32 +105,6 @@ def test_what_holds_for_every_scene(
     # The same draw gives the same scene.
     assert place(networks, type_id, variant, seed).signs == a.signs
     assert place(networks, type_id, variant, seed).start == a.start
-
-
-@pytest.mark.parametrize("initial", [3.61, 7.75, 11.05])
-@pytest.mark.parametrize("seed", range(5))
-def test_speed_limit(networks: dict[str, RoadNetwork], initial: float, seed: int) -> None:
-    network, recipe = networks["speed_limit"], recipe_of("speed_limit")
-    a = place(networks, "speed_limit", Variant(1, 90.0, 4.0, initial, 0, seed), seed)
-    plate, end = a.signs
-    assert (plate.code, end.code, end.ends) == ("3.24", "3.25", plate.id)
-    v = float(plate.value or 0.0) / 3.6
-    assert plate.value in recipe.choices["limits_kmh"]
-    assert v * 3.6 + recipe.number("below_road_kmh") <= FAST * 3.6 + 0.5
-    assert (plate.edge, end.edge, plate.position_m, end.position_m) == ("road.1", "road.2", 0.0, 0.0)
-    assert plate.params == ZoneParams(("road.1", "road.2"))
-    v0 = a.start.speed
-    assert v0 >= min(v + recipe.number("least_excess_mps"), FAST) - 1e-9
-    assert v0 <= v + recipe.number("most_excess_kmh") / 3.6 + 1e-9
-    # Who brakes with 3.5 m/s2 after half a second is at the limit at the plate.
-    first = network.lane(a.start.lane)
-    way = first.line.length - a.start.s - EGO_LENGTH_M / 2
-    assert way >= 0.5 * v0 + (v0**2 - v**2) / (2 * 3.5)
-    assert way <= 0.5 * v0 + (v0**2 - v**2) / (2 * 3.5) + 3.0 + recipe.number("jitter_m") + 0.01
-    # The network keeps the road's own limit, and nothing tells others of the plate.
-    assert {lane.speed for lane in network.lanes if not lane.internal} == {FAST}
-    assert a.extra == ()
-    assert network.edges["road.1"].length >= recipe.number("zone_m") - 1.0
 
 
 BENT = PlainEdge("e", "a", "b", 2, LIMIT, 5, ((0.0, 0.0), (60.0, 0.0), (110.0, 30.0), (160.0, 30.0)))
@@ -230,17 +187,26 @@ def build(
     """A site of some of its variants, from the hand-made crop. paired: None = as the recipe says."""
     row, crop = MAPS[type_id]
 
-    def some(kind: str, map_id: str) -> tuple[Variant, ...]:
-        return tuple(v for v in variants_of(kind, map_id) if v.number in numbers)
-
     monkeypatch.setattr(site_module, "plain_crop", lambda *_: crop)
-    monkeypatch.setattr(site_module, "variants_of", some)
+    monkeypatch.setattr(site_module, "variants_of", lambda *of: [variants_of(*of)[k] for k in numbers])
     recipe = recipe_of(type_id)
     recipe = replace(
         recipe, violating_baseline=violating_baseline, paired=recipe.paired if paired is None else paired
     )
     builder = SiteBuilder(recipe, root, simulation(), prover or Recorder())
     return builder.build(row, None, "test")  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def lone_yield(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> LoneYield:
+    """Builds variants of `yield` without contrast halves, each time below a folder of its own name."""
+
+    def built(
+        folder: str, numbers: tuple[int, ...], prover: Recorder | None = None, **more: str
+    ) -> MapScenarios:
+        return build("yield", tmp_path / folder, monkeypatch, numbers, prover, paired=False, **more)
+
+    return built
 
 
 @pytest.mark.parametrize("type_id", sorted(MAPS))
@@ -275,77 +241,50 @@ def test_a_site_is_sound_dense_as_asked_and_the_same_again(
 
 
 def test_an_unfit_map_is_a_reason_not_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(
-        MAPS, "speed_limit", (corridor(length=100.0, speed=FAST), road_plain(100.0, speed=FAST))
-    )
+    monkeypatch.setitem(MAPS, "speed_limit", two_way(length=100.0))
     site = build("speed_limit", tmp_path, monkeypatch, (0,))
     assert site.rows == ()
     assert site.reason == "the corridor is 100 m long"
     assert not list(tmp_path.rglob("*.gz"))
 
 
-def test_a_variant_is_drawn_anew_until_it_is_solved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    site = build(
-        "yield",
-        tmp_path,
-        monkeypatch,
-        (0, 1),
-        Recorder(lambda spec, k: (spec.variant == 0 or k == 2, True)),
-        paired=False,
-    )
+def test_a_variant_is_drawn_anew_until_it_is_solved(tmp_path: Path, lone_yield: LoneYield) -> None:
+    site = lone_yield("kept", (0, 1), Recorder(lambda spec, k: (spec.variant == 0 or k == 2, True)))
     assert [c.attempt for c in site.certificates] == [0, 2]
     # The files are those of the draw that was kept, and another draw is another scene.
-    loader = SceneLoader(SceneFolder(tmp_path))
+    loader = SceneLoader(SceneFolder(tmp_path / "kept"))
     for row, certificate in zip(site.rows, site.certificates, strict=True):
         loader.load(row)
         assert certificate.digest == row.additional_sha256
-    first = build("yield", tmp_path / "first", monkeypatch, (0, 1), paired=False)
+    first = lone_yield("first", (0, 1))
     assert first.rows[0] == site.rows[0]
     assert first.rows[1].additional_sha256 != site.rows[1].additional_sha256
     assert first.rows[1].seed != site.rows[1].seed
 
 
-def test_a_map_that_nobody_solves_is_unfit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    site = build(
-        "yield",
-        tmp_path,
-        monkeypatch,
-        (0, 1),
-        Recorder(lambda spec, _: (spec.variant == 0, True)),
-        paired=False,
-    )
+def test_a_map_that_no_expert_solves_is_unfit(lone_yield: LoneYield) -> None:
+    site = lone_yield("unsolved", (0, 1), Recorder(lambda spec, _: (spec.variant == 0, True)))
     assert site.rows == ()
     assert site.reason == "variant 1, 4 draws, at last: no expert solves it"
 
 
-def test_one_of_ten_need_not_tempt(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_of_ten_need_not_tempt(
+    tmp_path: Path, lone_yield: LoneYield, monkeypatch: pytest.MonkeyPatch
+) -> None:
     # Of the two that are built here one is half.
     monkeypatch.setattr(site_module, "UNTEMPTING_MOST", 0.5)
-    site = build(
-        "yield",
-        tmp_path,
-        monkeypatch,
-        (0, 1),
-        Recorder(lambda spec, k: (k > 0, spec.variant == 0)),
-        paired=False,
-    )
+    site = lone_yield("half", (0, 1), Recorder(lambda spec, k: (k > 0, spec.variant == 0)))
     assert [(c.attempt, c.tempting) for c in site.certificates] == [(1, True), (1, False)]
-    SceneLoader(SceneFolder(tmp_path)).load(site.rows[1])
-    dull = build(
-        "yield", tmp_path / "dull", monkeypatch, (0, 1), Recorder(lambda *_: (True, False)), paired=False
-    )
+    SceneLoader(SceneFolder(tmp_path / "half")).load(site.rows[1])
+    dull = lone_yield("dull", (0, 1), Recorder(lambda *_: (True, False)))
     assert dull.reason == "2 variants do not tempt idm"
 
 
-def test_a_draw_whose_violating_baseline_keeps_the_rule_is_drawn_anew(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_draw_whose_violating_baseline_keeps_the_rule_is_drawn_anew(lone_yield: LoneYield) -> None:
     late = Recorder(broken=lambda attempt: attempt == 2)
-    site = build("yield", tmp_path, monkeypatch, (0,), late, violating_baseline="reckless", paired=False)
+    site = lone_yield("late", (0,), late, violating_baseline="reckless")
     assert [c.attempt for c in site.certificates] == [2]
     # Where none of the draws shows it, the first that is solved and tempts is as good as any.
     never = Recorder(lambda _, k: (True, k > 0), broken=lambda _: False)
-    site = build(
-        "yield", tmp_path / "never", monkeypatch, (0,), never, violating_baseline="reckless", paired=False
-    )
+    site = lone_yield("never", (0,), never, violating_baseline="reckless")
     assert [(c.attempt, c.tempting) for c in site.certificates] == [(1, True)]

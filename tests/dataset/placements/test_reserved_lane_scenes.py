@@ -1,14 +1,16 @@
-"""How the four types of reserved lanes are arranged on a straight and a bent road made by hand."""
+"""How the four types of reserved lanes are arranged on roads made by hand, of one direction and of two."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from pool_builders import corridor
+from pool_builders import corridor, two_way
 from simworld import CALM, LIMIT, road_plain, simulation
 
 from tsbench.dataset.maps.build import build_net
@@ -27,15 +29,21 @@ from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.store import SceneFolder
+from tsbench.signs.annotations import DISTRACTOR, TARGET
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, WayParams
 from tsbench.sim.convoy import predicted_arrival
+from tsbench.sim.ego import start_motion
 from tsbench.sim.world import EGO_LENGTH_M
 
 SAME, AGAINST = ("bus_lane", "bike_lane"), ("bus_lane_road", "bike_lane_road")
 TYPES = (*SAME, *AGAINST)
 LAYOUTS = range(6)
-ROW = corridor(speed=LIMIT, length=250.0)
+MADE = {
+    **dict.fromkeys(SAME, two_way(speed=LIMIT, length=250.0)),
+    **dict.fromkeys(AGAINST, (corridor(speed=LIMIT, length=250.0), road_plain(250.0))),
+}
+TWO_WAY = two_way()[0]
 WIDTH = 3.2
 
 
@@ -53,7 +61,7 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]
     for type_id in TYPES:
         recipe = recipe_of(type_id)
         net = folder / f"{type_id}.net.xml.gz"
-        build_net(placement_of(recipe).prepare(ROW, road_plain(250.0), recipe), net)
+        build_net(placement_of(recipe).prepare(*MADE[type_id], recipe), net)
         built[type_id] = read_network(net)
     return built
 
@@ -64,7 +72,13 @@ def task_of(
     recipe, network = recipe_of(type_id), networks[type_id]
     variant = Variant(1, (90.0, 120.0)[layout % 2], 4.0, speed, 0, layout)
     return SceneTask(
-        ROW, network, LaneGraph(network), recipe, variant, (CALM,) * 12, np.random.default_rng(seed)
+        MADE[type_id][0],
+        network,
+        LaneGraph(network),
+        recipe,
+        variant,
+        (CALM,) * 12,
+        np.random.default_rng(seed),
     )
 
 
@@ -82,7 +96,7 @@ def test_the_ego_starts_before_the_plate_in_the_lane_that_it_reserves(
 ) -> None:
     network, recipe = networks[type_id], recipe_of(type_id)
     a = place(networks, type_id, seed, seed=seed)
-    (sign,) = a.signs
+    sign = a.signs[0]
     lane = network.lane(a.start.lane)
     assert lane.edge == "road.0" == sign.params.approach
     assert lane.order == (0 if type_id in SAME else len(network.edges["road.0"].lanes) - 1)
@@ -91,11 +105,11 @@ def test_the_ego_starts_before_the_plate_in_the_lane_that_it_reserves(
     assert (sign.edge, sign.position_m, sign.params.zone_edges) == ("road.1", 0.0, ("road.1",))
     reserved = network.lane(*sign.params.lanes)
     assert recipe.number("zone_least_m") - 5.0 <= reserved.line.length <= recipe.number("zone_most_m")
-    # Its users may, other cars may not: nor on the lane beside, that these do not tell which one the plate means.
+    # Its users may, other cars may not.
     assert reserved.permits(users_of(type_id))
     assert not reserved.permits("passenger")
     others = [i for i in network.edge_lanes("road.1") if i.id != reserved.id]
-    assert [i.permits("passenger") for i in others] == ([False, True] if type_id in SAME else [True, True])
+    assert all(i.permits("passenger") for i in others)
     assert (lane.id, a.start.s, lane.line.length) in a.blocked
     assert a.destination.s < network.edge_lanes(a.destination.edge)[0].line.length - 7.0
 
@@ -152,12 +166,9 @@ def test_a_bent_road_stays_where_it_was(tmp_path: Path, spread: str) -> None:
     shape = ((0.0, 0.0), (60.0, 0.0), (110.0, 14.0), (160.0, 38.0))
     nodes = (PlainNode("a", 0.0, 0.0), PlainNode("b", 160.0, 38.0))
     edge = PlainEdge("e", "a", "b", 3, LIMIT, 5, shape, width=3.5, spread=spread)
-    whole, rebuilt = (
-        PlainNet(nodes, (edge,), ()),
-        turn_leftmost(PlainNet(nodes, (edge,), ()), "e", "e.contra", "bus"),
-    )
+    whole = PlainNet(nodes, (edge,), ())
     build_net(whole, tmp_path / "whole.net.xml")
-    build_net(rebuilt, tmp_path / "turned.net.xml")
+    build_net(turn_leftmost(whole, "e", "e.contra", "bus"), tmp_path / "turned.net.xml")
     before, after = read_network(tmp_path / "whole.net.xml"), read_network(tmp_path / "turned.net.xml")
     now = [*after.edge_lanes("e"), *after.edge_lanes("e.contra")]
     for old, new in zip(before.edge_lanes("e"), now, strict=True):
@@ -166,7 +177,7 @@ def test_a_bent_road_stays_where_it_was(tmp_path: Path, spread: str) -> None:
             assert abs(old.line.project(x, y)[1]) < 0.05
 
 
-@pytest.mark.parametrize("type_id", TYPES)
+@pytest.mark.parametrize("type_id", AGAINST)
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("speed", [3.61, 7.75, 11.05])
 def test_users_meet_an_ego_that_stays_in_its_lane(
@@ -178,10 +189,11 @@ def test_users_meet_an_ego_that_stays_in_its_lane(
     assert c is not None
     lane, user = network.lane(c.lane), c.drivers[0]
     assert ((c.lane,), c.vclass) == (a.signs[0].params.lanes, users_of(type_id))
+    assert c.edges == (contra_id("road"),)
     assert user.speed == recipe.number("user_speed_mps")
     assert (user.length, user.width) == (recipe.number("user_length_m"), recipe.number("user_width_m"))
     counts = recipe.choices["users"]
-    assert 1 <= len(c.places) / (2 if type_id in SAME else 1) <= counts[layout % len(counts)]
+    assert 1 <= len(c.places) <= counts[layout % len(counts)]
     assert all(user.length < p < lane.line.length for p in c.places)
     # From front to front they keep the headway: the model's is that of the gap.
     assert user.headway + (user.length + user.gap) / user.speed == pytest.approx(
@@ -189,21 +201,9 @@ def test_users_meet_an_ego_that_stays_in_its_lane(
     )
     meet = c.ego_zone_m
     assert 0.0 < meet <= recipe.number("meet_m")
-    if type_id in SAME:
-        assert c.zone_m == pytest.approx(meet + user.length)
-        # Two and two beside each other.
-        assert c.lanes == ("road.1_0", "road.1_1") * (len(c.places) // 2)
-        assert c.places[::2] == c.places[1::2]
-        assert all(
-            q - p == pytest.approx(user.speed * recipe.number("user_headway_s"))
-            for p, q in pairwise(c.places[::2])
-        )
-        assert c.edges == ("road.1", "road.2")
-    else:
-        assert c.zone_m == pytest.approx(lane.line.length - meet)
-        step = user.length + recipe.number("standing_gap_m")
-        assert all(p - q == pytest.approx(step) for p, q in pairwise(c.places))
-        assert c.edges == (contra_id("road"),)
+    assert c.zone_m == pytest.approx(lane.line.length - meet)
+    step = user.length + recipe.number("standing_gap_m")
+    assert all(p - q == pytest.approx(step) for p, q in pairwise(c.places))
     # The lead is not so far away that it would come too late.
     start = network.lane(a.start.lane)
     to_line = start.line.length - a.start.s - EGO_LENGTH_M / 2
@@ -213,19 +213,52 @@ def test_users_meet_an_ego_that_stays_in_its_lane(
 
 
 @pytest.mark.parametrize("type_id", SAME)
-def test_the_contrast_half_reserves_the_lane_beside(networks: dict[str, RoadNetwork], type_id: str) -> None:
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_users_come_towards_the_ego_on_the_oncoming_lane_alone(
+    networks: dict[str, RoadNetwork], type_id: str, layout: int
+) -> None:
+    network, recipe = networks[type_id], recipe_of(type_id)
+    a = place(networks, type_id, layout, seed=layout)
+    assert a.convoy is None
+    users, types = ([e for e in a.extra if e.tag == tag] for tag in ("vehicle", "vType"))
+    asked = recipe.choices["users"]
+    assert [u.get("id") for u in users] == [f"user_{k}" for k in range(asked[layout % len(asked)])]
+    assert {kind.get("vClass") for kind in types} == {users_of(type_id)}
+    assert {(u[0].get("edges"), u.get("departLane")) for u in users} == {("back.1 back.2", "0")}
+    fronts = [float(u.get("departPos", "nan")) for u in users]
+    step = recipe.number("user_speed_mps") * recipe.number("user_headway_s")
+    assert 0.0 <= fronts[0] - recipe.number("user_length_m") <= recipe.number("user_jitter_m")
+    assert all(q - p == pytest.approx(step, abs=0.1) for p, q in pairwise(fronts))
+    facing = network.edge_lanes("back.1")
+    assert fronts[-1] < facing[0].line.length
+    assert [lane.permits("passenger") for lane in facing] == [False, True]
+    assert facing[0].permits(users_of(type_id))
+
+
+@pytest.mark.parametrize("type_id", SAME)
+def test_the_halves_exchange_the_plates_of_the_two_posts(
+    networks: dict[str, RoadNetwork], type_id: str
+) -> None:
     task = task_of(networks, type_id)
     placement = placement_of(task.recipe)
-    # Nothing but the plate differs: neither the network nor who is there.
-    assert placement.prepare_contrast(ROW, road_plain(250.0), task.recipe) == placement.prepare(
-        ROW, road_plain(250.0), task.recipe
-    )
     signed = placement.place(task)
     a = placement.contrast(task, signed)
     assert a is not None
-    assert replace(a, signs=signed.signs, contrast=()) == signed
-    (sign,), (other,) = signed.signs, a.signs
-    assert other == replace(sign, lane=1, params=replace(sign.params, lanes=("road.1_1",)))
+    # Nothing but the plates differs: neither the network nor the users.
+    prepared = (make(*MADE[type_id], task.recipe) for make in (placement.prepare, placement.prepare_contrast))
+    assert next(prepared) == next(prepared)
+    assert replace(a, signs=signed.signs, target=signed.target, contrast=()) == signed
+    (reserved, usual), (first, second) = signed.signs, a.signs
+    assert (reserved.code, usual.code, usual.value) == (*load_catalog().type(type_id).codes, "3.24", 50.0)
+    assert (signed.target, a.target) == (reserved.id, usual.id)
+    assert [s.role for s in (reserved, usual, first, second)] == [TARGET, DISTRACTOR, DISTRACTOR, TARGET]
+    # The second post stands on the other side of the road, and faces oncoming traffic.
+    assert (usual.edge, usual.position_m, abs(usual.heading)) == ("back.1", 0.0, pytest.approx(math.pi))
+    assert usual.y > 0.0 > reserved.y
+    assert reserved.x - usual.x == pytest.approx(task.recipe.number("facing_before_plate_m"), abs=0.1)
+    hung = [(s.code, s.value, s.lane) for s in (reserved, usual, first, second)]
+    assert hung[:2] == hung[:1:-1]
+    assert [(s.x, s.y, s.heading) for s in signed.signs] == [(s.x, s.y, s.heading) for s in a.signs]
     assert a.contrast == (ContrastClause("needless_detour", WayParams("road.0", lanes=("road.1_0",))),)
 
 
@@ -237,39 +270,43 @@ def test_a_ramp_and_then_cruise_speed() -> None:
 
 
 @pytest.mark.parametrize(
-    ("type_id", "row", "reason"),
+    ("type_id", "row", "back", "reason"),
     [
-        ("bus_lane", corridor(lanes=2), "2 lanes"),
-        ("bike_lane", corridor(length=140.0), "60 m of road before the plate"),
-        ("bike_lane", replace(corridor(), road_class="motorway"), "no bicycles on a motorway"),
-        ("bus_lane_road", corridor(lanes=1), "1 lanes"),
-        ("bike_lane_road", replace(corridor(), oneway=False), "the road has two directions"),
-        ("bus_lane_road", corridor(length=120.0), "60 m of road before the plate"),
+        ("bus_lane", replace(TWO_WAY, lanes=1), {}, "1 lanes"),
+        ("bus_lane", corridor(lanes=2), {}, "no other direction, where the other half's plate faces"),
+        ("bus_lane", TWO_WAY, {"num_lanes": 1}, "1 oncoming lanes"),
+        ("bus_lane", TWO_WAY, {"shape": ((240.0, 0.0), (150.0, 0.0))}, "do not run side by side"),
+        ("bike_lane", replace(TWO_WAY, length_m=140.0), {}, "60 m of road before the plate"),
+        ("bus_lane_road", corridor(lanes=1), {}, "1 lanes"),
+        ("bike_lane_road", TWO_WAY, {}, "the road has two directions"),
+        ("bus_lane_road", corridor(length=120.0), {}, "60 m of road before the plate"),
     ],
 )
-def test_maps_that_cannot_carry_it(type_id: str, row: PoolRow, reason: str) -> None:
-    recipe = recipe_of(type_id)
+def test_maps_that_cannot_carry_it(type_id: str, row: PoolRow, back: dict[str, Any], reason: str) -> None:
+    """back: changes of the other direction's edge."""
+    recipe, crop = recipe_of(type_id), two_way()[1]
+    edges = (crop.edges[0], replace(crop.edges[1], **back))
     with pytest.raises(UnfitMapError, match=reason):
-        placement_of(recipe).prepare(row, road_plain(row.length_m, max(row.lanes, 2)), recipe)
+        placement_of(recipe).prepare(row, replace(crop, edges=edges), recipe)
 
 
 @pytest.mark.parametrize("type_id", TYPES)
 def test_a_site_is_sound_and_its_users_are_there(
     type_id: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def some(kind: str, map_id: str) -> tuple[Variant, ...]:
-        return variants_of(kind, map_id)[:2]
-
-    monkeypatch.setattr(site_module, "plain_crop", lambda *_: road_plain(250.0))
-    monkeypatch.setattr(site_module, "variants_of", some)
-    site = SiteBuilder(recipe_of(type_id), tmp_path, simulation()).build(ROW, None, "test")  # type: ignore[arg-type]
+    monkeypatch.setattr(site_module, "plain_crop", lambda *_: MADE[type_id][1])
+    monkeypatch.setattr(site_module, "variants_of", lambda *names: variants_of(*names)[:2])
+    site = SiteBuilder(recipe_of(type_id), tmp_path, simulation()).build(MADE[type_id][0], None, "test")  # type: ignore[arg-type]
     assert site.reason == ""
-    loader = SceneLoader(SceneFolder(tmp_path))
+    loader, sim = SceneLoader(SceneFolder(tmp_path)), simulation()
     for row in site.rows:
         scene, roads = loader.load(row)
         assert list(lint_scene(scene, roads.graph)) == []
-        plan = scene.convoy
-        assert plan is not None
-        assert 2.0 < plan.lead_time_s < 15.0
+        assert (scene.convoy is None) == (type_id in SAME)
+        assert scene.convoy is None or 2.0 < scene.convoy.lead_time_s < 15.0
         # Variant 0 has no traffic, but users all the same.
-        assert len(plan.vehicles) >= 1
+        lane = scene.network.lane(scene.start.lane)
+        sim.load_scene(scene)
+        sim.start_ego(start_motion(scene), lane.edge, lane.order)
+        user = ("user_0", "back.1_0") if type_id in SAME else ("convoy_0", f"{contra_id('road')}_0")
+        assert user in [(name, on) for name, on, _ in sim.fleet()]

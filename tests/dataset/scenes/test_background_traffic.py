@@ -54,14 +54,14 @@ def test_nobody_stands_near_the_ego_nor_where_it_was_forbidden(
     graph = LaneGraph(network)
     request = ask(
         per_km, EgoStart("w_in_0", s, speed), avoid_turns=FORBIDDEN, quiet_edges=frozenset({"n_in"}),
-        blocked=(("e_in_0", cut, 200.0),),
+        blocked=(("e_in_0", cut, 200.0),), closed_edges=frozenset({"s_in"}),
     )  # fmt: skip
     cars = standing_cars(network, graph, request, np.random.default_rng(seed))
     assert [c.id for c in cars] == [f"bg_{k:03d}" for k in range(len(cars))]
     for car in cars:
         assert car.position is not None
         assert car.depart == 0.0
-        assert car.edges[0] != "n_in"
+        assert car.edges[0] not in ("n_in", "s_in")
         assert not set(pairwise(car.edges)) & FORBIDDEN
         assert all(b in graph.successors(a) for a, b in pairwise(car.edges))
         lane = network.edge_lanes(car.edges[0])[car.lane]
@@ -131,7 +131,7 @@ class Rehearsal:
         self.made = made
         write_additional([*self.types, *background(self.standing)], self.path)
         simulation().load(made.net, self.path, network, 3)
-        self.asked = target * lane_km(network)
+        self.asked = target * lane_km(network, request.closed_edges)
         inflow = DemandCalibration(simulation(), network, graph, request, self.standing, self.asked, rng)
         self.mean = inflow.drive(40.0)
         self.inflow = inflow
@@ -150,10 +150,14 @@ def test_who_drives_out_is_replaced(rehearsal: Rehearsal) -> None:
     assert rehearsal.cars[: len(rehearsal.standing)] == rehearsal.standing
 
 
-def test_nobody_enters_while_it_is_quiet(on_cross: SceneMaker, tmp_path: Path, rehearsal: Rehearsal) -> None:
-    quiet = Rehearsal(on_cross, tmp_path, 14.0, avoid_turns=FORBIDDEN, quiet_s=8.0)
+def test_no_car_enters_while_it_is_quiet_nor_by_a_closed_edge(
+    on_cross: SceneMaker, tmp_path: Path, rehearsal: Rehearsal
+) -> None:
+    closed = frozenset({"s_in"})
+    quiet = Rehearsal(on_cross, tmp_path, 14.0, avoid_turns=FORBIDDEN, quiet_s=8.0, closed_edges=closed)
     assert min(car.depart for car in rehearsal.entered) < 4.0
     assert 8.0 < min(car.depart for car in quiet.entered) < 10.0
+    assert {c.edges[0] for c in rehearsal.entered} - {c.edges[0] for c in quiet.entered} == closed
     # The mean is that of the time in which cars come.
     assert quiet.mean == pytest.approx(quiet.asked, rel=0.15)
 

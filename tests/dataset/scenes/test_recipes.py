@@ -11,22 +11,21 @@ from tsbench.core.errors import InputError
 from tsbench.dataset.placements.by_name import placement_of
 from tsbench.dataset.scenes.recipe import load_recipe, recipe_types, recipes_folder
 from tsbench.signs.catalog import load_catalog
-
-# Of few maps the obedient way is short enough for 60 s.
-LONG_WAYS = {"direction_left_right", "direction_straight_left", "direction_straight_right", "one_way_left"}
-FIRST_FOUR = {"detour_right", "no_turn_left", "speed_limit", "yield"}
+from tsbench.sim.world import DT_S
 
 
-def test_the_first_four_are_there() -> None:
-    assert set(recipe_types()) >= FIRST_FOUR
+def test_every_type_has_a_recipe() -> None:
+    assert sorted(recipe_types()) == sorted(kind.id for kind in load_catalog().types)
 
 
 @pytest.mark.parametrize("name", recipe_types())
 def test_a_recipe_fits_its_type(name: str) -> None:
     recipe = load_recipe(name, load_catalog())
     assert recipe.type.id == name
-    usual = 1000 if recipe.type.family == "roundabout" else 600
-    assert recipe.horizon == (720 if name in LONG_WAYS else usual)
+    if "longest_drive_s" in recipe.numbers:
+        assert recipe.horizon * DT_S >= recipe.number("longest_drive_s") / 0.8
+    else:
+        assert recipe.horizon == (1000 if recipe.type.family == "roundabout" else 600)
     # 80 for train, and a quarter of each stratum for test: 20.
     assert sum(recipe.maps.values()) == 80
     assert sum(n // 4 for n in recipe.maps.values()) == 20
