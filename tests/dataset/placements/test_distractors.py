@@ -122,16 +122,6 @@ def in_sight(scene: Scene, at: tuple[float, float]) -> list[tuple[str, float]]:
     return sorted((s.code, s.value or 0.0) for s in scene.signs if math.dist(at, (s.x, s.y)) <= SIGN_RANGE_M)
 
 
-@pytest.mark.parametrize(
-    ("type_id", "made"), [("speed_limit", LONG), ("min_speed", LONG), ("bus_lane", LONG)]
-)
-def test_a_road_without_another_direction_has_no_place_for_the_other_halfs_plate(
-    type_id: str, made: tuple[PoolRow, PlainNet], tmp_path: Path
-) -> None:
-    with pytest.raises(AssertionError, match="no other direction"):
-        build(type_id, made, tmp_path)
-
-
 @pytest.mark.parametrize("type_id", ["detour_left", "detour_either"])
 def test_what_the_ego_has_passed_is_over(type_id: str, scenes_of: ScenesOf) -> None:
     """Behind a start on a one-way road stand limits with their ends, and plates of obstacles; nothing else."""

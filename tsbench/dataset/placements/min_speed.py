@@ -15,7 +15,7 @@ from tsbench.dataset.placements.placement import (
     plate_beside,
     require,
 )
-from tsbench.dataset.placements.speed_zone import KMH
+from tsbench.dataset.placements.speed_zone import KMH, can_post
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.scenes.variants import INITIAL_SPEEDS_MPS
 from tsbench.roads.destination import Destination
@@ -29,8 +29,16 @@ def task_minimum(task: SceneTask) -> float:
     """The number on a variant's plate, km/h: round those that the road allows, so that each is there as often."""
     recipe, shown = task.recipe, task.network.expected_speed(task.row.fields["edge"])
     road = min(task.row.speed_mps, shown) / KMH
-    usable = [v for v in recipe.choices["limits_kmh"] if v + recipe.number("below_road_kmh") <= road + 0.5]
-    require(bool(usable), f"the road's own limit is {road:.0f} km/h")
+    (code,), other = recipe.type.codes, recipe.choices["contrast_plates"][0]
+    below = recipe.number("contrast_below_kmh")
+    usable = [
+        v
+        for v in recipe.choices["limits_kmh"]
+        if v + recipe.number("below_road_kmh") <= road + 0.5
+        and can_post(task.row, code, v)
+        and can_post(task.row, other, v - below)
+    ]
+    require(bool(usable), f"no minimum for a {task.row.road_class} road of {road:.0f} km/h")
     return float(usable[task.variant.value % len(usable)])
 
 

@@ -39,8 +39,7 @@ from tsbench.sim.world import EGO_LENGTH_M
 class ReservedLanePlacement(ScenePlacement):
     """`bus_lane`, `bike_lane`: from the plate on the rightmost lane is for others, to the end of the marked zone.
 
-    A second post stands on the other side of the road and faces oncoming traffic, whose rightmost lane it may
-    reserve.
+    A second post stands on the other side of the road and faces oncoming traffic, whose rightmost lane it may reserve.
     The halves exchange the two posts' plates, a reserved lane and a usual limit. Users drive on the oncoming lane
     alone, and no other vehicle drives on either lane: which one is theirs, only the plates say.
     """
@@ -61,6 +60,8 @@ class ReservedLanePlacement(ScenePlacement):
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """Both directions in three parts; in the middle ones no car of others uses the rightmost lane."""
         require(row.lanes >= recipe.number("least_lanes"), f"{row.lanes} lanes")
+        motorway = row.road_class.startswith("motorway")
+        require(not (motorway and self.users == "bicycle"), "no bicycles on a motorway")
         other = next((e for e in plain.edges if e.id == row.fields.get("opposite")), None)
         if other is None:
             raise UnfitMapError("no other direction, where the other half's plate faces")
