@@ -231,7 +231,7 @@ def test_minimums_as_the_road_allows(networks: dict[str, RoadNetwork]) -> None:
     assert posted(80, shown=60) == posted(60)
     assert posted(80) == [40.0, 50.0, 60.0] * 2
     assert posted(50) == [40.0] * 6
-    with pytest.raises(UnfitMapError, match="the road's own limit is 40 km/h"):
+    with pytest.raises(UnfitMapError, match="no minimum for a secondary road of 40 km/h"):
         posted(40)
 
 

@@ -50,9 +50,10 @@ def _no_faster(drivers: Sequence[Driver], most_kmh: float) -> tuple[Driver, ...]
 
 def can_post(row: PoolRow, code: str, value: float) -> bool:
     """Can a plate set this value on a road of the map's class?"""
-    allowed = load_places().allowed_speeds(road_class=row.road_class, code=code)
+    table = load_places()
+    allowed = table.allowed_speeds(road_class=row.road_class, code=code)
     value = load_catalog().sign(code).effective_value(value) or value
-    return allowed is None or value in allowed
+    return "road_speed" not in table.signs.get(code, ()) or allowed is None or value in allowed
 
 
 def _bend_kmh(network: RoadNetwork, zone: Sequence[str]) -> float:
