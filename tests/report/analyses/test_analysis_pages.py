@@ -74,6 +74,15 @@ def test_a_long_table_is_a_file_beside_the_page(tmp_path: Path, folder: Path) ->
     ]
 
 
+def test_an_interval_with_a_negative_end_has_columns_for_its_ends(tmp_path: Path, folder: Path) -> None:
+    (folder / "main.md").write_text(MAIN.replace("3.3 (2.9–3.4)", "-0.6 (-0.8 to -0.4)"), encoding="utf-8")
+    path = page(tmp_path, "<!-- analysis main | columns planner, SCD all | csv long -->\n<!-- end -->")
+    refresh(path, folder)
+    assert (tmp_path / "tables" / "long.csv").read_text(encoding="utf-8").splitlines()[
+        1
+    ] == "idm,-0.6,-0.8,-0.4"
+
+
 def test_a_group_that_was_not_driven_has_no_column(tmp_path: Path, folder: Path) -> None:
     text = "<!-- analysis main | bare | columns planner, paired SCD obstacles, SCD all -->\n<!-- end -->"
     path = page(tmp_path, text)

@@ -37,7 +37,8 @@ _FIGURE = re.compile(r"<!-- figure (\S+) -->\n!\[[^\]]*\]\(([^)]+)\)")
 _CONTRACT = re.compile(r"Contract `[0-9a-f]+`")
 _BESIDE = ("n", "figure")
 _BY_GROUP = frozenset(f"{figure} {group}" for figure in NAMES.values() for group in GROUPS)
-_VALUE = re.compile(r"(\S+) \((\S+)–(\S+)\)")
+# Where an end is negative, "to" stands between the two.
+_VALUE = re.compile(r"(\S+) \((\S+)(?:–| to )(\S+)\)")
 _INTERVAL = re.compile(r" \([^()]*\)$")
 
 
