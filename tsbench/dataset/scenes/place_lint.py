@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from tsbench.dataset.scenes.driven_plates import broken_plates
 from tsbench.dataset.scenes.plate_places import PlacedPlates
-from tsbench.dataset.scenes.plate_roads import PlateRoads
+from tsbench.dataset.scenes.plate_roads import plate_roads
 from tsbench.dataset.scenes.scene_vehicles import scene_vehicles
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -57,9 +57,8 @@ def lint_places(scene: Scene, graph: LaneGraph, scenario_id: str = "") -> tuple[
 
 def placed_plates(scene: Scene, graph: LaneGraph) -> PlacedPlates:
     """What decides where a loaded scene's plates can stand."""
-    table = load_places()
-    roads = PlateRoads(network=scene.network, graph=graph, distances=table.distances)
-    return PlacedPlates(table, roads, scene.signs, scene.obstacles, scene_vehicles(scene))
+    roads = plate_roads(scene.network, graph)
+    return PlacedPlates(load_places(), roads, scene.signs, scene.obstacles, scene_vehicles(scene))
 
 
 def lint_rows(

@@ -28,7 +28,7 @@ from tsbench.dataset.scenes.elements import (
 )  # fmt: skip
 from tsbench.dataset.scenes.lint import lint_scene
 from tsbench.dataset.scenes.plate_places import PlacedPlates
-from tsbench.dataset.scenes.plate_roads import PlateRoads
+from tsbench.dataset.scenes.plate_roads import plate_roads
 from tsbench.dataset.scenes.scene_vehicles import routed_vehicles
 from tsbench.dataset.scenes.traffic import Car, TrafficRequest, lane_km, standing_cars
 from tsbench.dataset.seeds import rng_of
@@ -88,9 +88,9 @@ class SceneFileWriter:
         root = etree.Element("additional")
         root.extend(self._elements(others or OtherTraffic((), 0.0, None)))
         vehicles = routed_vehicles(root=root, network=network, lawful=a.compliant_hint or a.route_hint)
-        table = load_places()
-        roads = PlateRoads(network=network, graph=self.roads.graph, distances=table.distances)
-        return PlacedPlates(table, roads, a.signs, a.obstacles, vehicles)
+        return PlacedPlates(
+            load_places(), plate_roads(network, self.roads.graph), a.signs, a.obstacles, vehicles
+        )
 
     def _elements(self, others: OtherTraffic) -> list[etree._Element]:
         a, network = self.a, self.roads.network
