@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -56,12 +57,16 @@ class Built:
 
 @pytest.fixture(scope="module", params=MAPS)
 def built(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Built:
-    """Variants 0 and 1 of one type."""
+    """Two variants of one type, the nominal one and one with traffic."""
     row, crop = MAPS[request.param]
+    # Of the crossroads' arms two are closed: there is no room for more.
+    most = 3.0 if request.param == "blocked_road" else math.inf
     root, recipe = tmp_path_factory.mktemp("pairs"), load_recipe(request.param, load_catalog())
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(site_module, "plain_crop", lambda *_: crop)
-        patch.setattr(site_module, "variants_of", lambda *names: variants_of(*names)[:2])
+        patch.setattr(
+            site_module, "variants_of", lambda *n: [v for v in variants_of(*n) if v.density < most][:2]
+        )
         prover = Certifier(simulation(), SceneLoader(SceneFolder(root)))
         site = SiteBuilder(recipe, root, simulation(), prover).build(row, None, "train")  # type: ignore[arg-type]
     assert site.reason == ""

@@ -193,7 +193,8 @@ class SceneFileWriter:
         self.sim.start_ego(start_motion(scene), lane.edge, lane.order)
         present = {name for name, *_ in self.sim.fleet()}
         wanted = {f"convoy_{k}" for k in range(len(a.convoy.places))} if a.convoy else set()
-        missing = sorted((wanted | {o.id for o in a.obstacles}) - present)
+        wanted |= {o.id for o in a.obstacles} | {str(e.get("id")) for e in a.extra if e.tag == "vehicle"}
+        missing = sorted(wanted - present)
         if missing:
             raise SimulationError(f"{self.path}: SUMO did not insert {missing[0]}")
         if a.walkers:
