@@ -15,6 +15,7 @@ from tsbench.core.benchmark import MAPS, VARIANTS_OF
 from tsbench.core.seeds import seed_of
 from tsbench.dataset.city import load_city
 from tsbench.dataset.scenes.build import APART_M, stratum_of
+from tsbench.dataset.scenes.map_scenarios import BUILDS
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.dataset.scenes.split import split_pool
 from tsbench.dataset.scenes.variants import variants_of
@@ -179,11 +180,14 @@ def test_every_row_is_what_its_name_makes_it(
         assert r.pair_name == f"{r.pair_type}-{r.map_id}-v{r.variant}"
         assert r.scenario_id == r.pair_name + ("-c" if r.half == CONTRAST else "")
         assert r.seed == seed_of("scenario", f"{r.pair_name}~{proofs[r.scenario_id].attempt}")
-        assert (r.group, r.family) == (kind.group, CATALOG.type(r.pair_type).family)
-        assert r.horizon == horizons[r.pair_type]
+        assert r.group == kind.group
+        if EDITIONS[r.split] == BUILDS:
+            assert (r.family, r.horizon) == (CATALOG.type(r.pair_type).family, horizons[r.pair_type])
         assert r.sign_code in kind.codes
         variant = variants_on(r.pair_type, r.map_id)[r.variant]
-        assert (r.density, r.drivers, r.layout) == (variant.density, variant.drivers, variant.layout)
+        # A road on which no other vehicle drives has no density.
+        assert r.density in (variant.density, 0.0)
+        assert (r.drivers, r.layout) == (variant.drivers, variant.layout)
         assert 0.0 < r.initial_speed <= 22.2
         assert r.route_length > 0.0
         assert r.place
@@ -203,7 +207,7 @@ def test_the_split_is_that_of_the_pool(rows: list[ScenarioSpec], pool: dict[str,
 
 @pytest.mark.parametrize("type_id", TYPES)
 def test_every_stratum(rows: list[ScenarioSpec], pool: dict[str, PoolRow], type_id: str) -> None:
-    """Today's quotas are met, but for what the build says it missed; no two maps of a type are one place."""
+    """No two maps of a type are one place; quotas of the edition that is built are met, but for those missed."""
     recipe = load_recipe(type_id, CATALOG)
     entries = json.loads((SCENARIOS / "build_report.json").read_text(encoding="utf-8"))
     report = {e["split"]: e for e in entries if e["type_id"] == type_id}
@@ -216,6 +220,8 @@ def test_every_stratum(rows: list[ScenarioSpec], pool: dict[str, PoolRow], type_
         at = np.array([(pool[m].east, pool[m].north) for m in maps])
         gaps = np.hypot(*(at[:, None] - at[None]).transpose(2, 0, 1)) + np.eye(len(at)) * 1e9
         assert gaps.min() >= apart
+        if EDITIONS[split] != BUILDS:
+            continue
         counts = Counter(stratum_of(pool[m]) for m in maps)
         assert set(counts) <= set(recipe.maps)
         for stratum, wanted in recipe.maps.items():

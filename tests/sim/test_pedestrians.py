@@ -37,7 +37,10 @@ def on_crossing(tmp_path_factory: pytest.TempPathFactory) -> SceneMaker:
     road = replace(plain.edges[0], disallow="pedestrian")
     recipe = load_recipe("crosswalk", load_catalog())
     net = folder / "crossing.net.xml.gz"
-    build_net(with_crossing(replace(plain, edges=(road,)), road, None, 100.0, recipe), net)
+    back = replace(
+        road, id="back", source=road.target, target=road.source, num_lanes=1, shape=road.shape[::-1]
+    )
+    build_net(with_crossing(replace(plain, edges=(road, back)), road, back, 100.0, recipe), net)
     return SceneMaker(folder, net, read_network(net))
 
 
@@ -94,10 +97,10 @@ def drive(sim: Simulation, on_crossing: SceneMaker, spec: ScenarioSpec) -> Drive
 def test_a_crossing_is_read_with_its_kerbs(on_crossing: SceneMaker) -> None:
     (crossing,) = on_crossing.network.crossings.values()
     assert crossing.width == 4.0
-    assert crossing.line.length == pytest.approx(6.4, abs=0.05)
-    assert sorted(crossing.line.points[:, 1]) == pytest.approx([-6.4, 0.0], abs=0.05)
+    assert crossing.line.length == pytest.approx(9.6, abs=0.05)
+    assert sorted(crossing.line.points[:, 1]) == pytest.approx([-6.4, 3.2], abs=0.05)
     assert crossing.line.points[:, 0] == pytest.approx([100.0, 100.0], abs=0.05)
-    assert crossing.edges == ("road.0",)
+    assert sorted(crossing.edges) == ["back.1", "road.0"]
 
 
 def test_who_is_held_stands_and_then_walks_straight_over(drive: Drive) -> None:
