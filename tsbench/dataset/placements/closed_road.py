@@ -16,10 +16,12 @@ from tsbench.dataset.placements.placement import (
     SceneTask,
     UnfitMapError,
     before_line,
+    exchanged,
     keep_clear,
     passenger_lanes,
     plate_beside,
     start_speed,
+    turns_into,
     usual_limit,
 )
 from tsbench.dataset.scenes.recipe import Recipe
@@ -28,7 +30,6 @@ from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.signs.annotations import DISTRACTOR
 from tsbench.signs.contrast import ContrastClause, PassageParams, WayParams
 from tsbench.signs.plate_params import ApproachParams
 from tsbench.sim.scene import EgoStart
@@ -84,7 +85,7 @@ class ClosedRoadPlacement(ScenePlacement):
             usual_limit(network, harmless, (way.other, plate_s), (way.exit, way.other)),
         )
         end_s = plate_s + recipe.number("destination_behind_plate_m")
-        into = {(e, x) for x in (way.exit, way.other) for e in network.edges if x in graph.successors(e)}
+        into = turns_into(graph, {way.exit, way.other})
         return Arrangement(
             signs=signs, target=signs[0].id, start=start, destination=Destination(way.exit, end_s),
             route_hint=(lane.edge, way.exit), route_length=end_s, avoid_turns=frozenset(into),
@@ -101,11 +102,7 @@ class ClosedRoadPlacement(ScenePlacement):
         oncoming = tuple(e for e in through_arms(task.row, 0.0).prior_in if left and e != approach)
         passage = PassageParams(approach, exit_, oncoming)
         return replace(
-            signed, target=other.id,
-            signs=(
-                replace(plate, code=other.code, value=other.value, role=DISTRACTOR, params=None),
-                replace(other, code=plate.code, value=None, role="target"),
-            ),
+            signed, target=other.id, signs=exchanged(plate, other),
             contrast=(
                 ContrastClause("needless_stop", passage),
                 ContrastClause("needless_detour", WayParams(approach, exits=(exit_,))),

@@ -21,11 +21,13 @@ from tsbench.dataset.placements.placement import (
     SceneTask,
     UnfitMapError,
     before_line,
+    exchanged,
     keep_clear,
     passenger_lanes,
     plate_beside,
     require,
     start_speed,
+    turns_into,
     usual_limit,
 )
 from tsbench.dataset.scenes.plate_places import PlacedPlates
@@ -36,7 +38,7 @@ from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.signs.annotations import DISTRACTOR, SignInstance
+from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, WayParams
 from tsbench.signs.places import load_places
@@ -285,9 +287,8 @@ class NoEntryPlacement(ManoeuvrePlacement):
 
     def other_plates(self, plates: Sequence[SignInstance], code: str) -> tuple[SignInstance, ...]:
         """The two exchanged."""
-        first, second = plates
-        free = replace(first, code=second.code, value=second.value, role=DISTRACTOR)
-        return free, replace(second, code=code, value=None, role="target")
+        del code
+        return exchanged(*plates)
 
 
 def _avoided(
@@ -297,10 +298,9 @@ def _avoided(
     both, and on each way, where there is another, those for which they would have to wait: the ego would queue behind
     them until the time is over.
     """
-    into = {(edge, e) for e in closed for edge in graph.network.edges if e in graph.successors(edge)}
     shared = set(ways[0][1:]) & set(ways[1][1:])
     meeting = {(a, b) for way in ways for a, b in pairwise(way[1:]) if b in shared and a not in shared}
-    avoided = banned | into | meeting
+    avoided = banned | turns_into(graph, closed) | meeting
     for edge in sorted({e for way in ways for e in way[:-1]}):
         turns = {(edge, e) for e in graph.successors(edge)} - avoided
         waiting = {t for t in turns if waits(graph, *t, avoided)}

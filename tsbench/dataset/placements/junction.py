@@ -126,20 +126,18 @@ class GiveWayPlacement(ScenePlacement):
             other = _link(task.network, cars.lane, cars.edges[1])
             gives_way = set(own.via) & other.yields_to and not set(other.via) & own.yields_to
             require(bool(gives_way), "with other plates the convoy does not give way to the ego")
-        codes = {True: str(recipe.choices["main_plates"][0]), False: str(recipe.choices["minor_plates"][0])}
+        main, minor = (str(recipe.choices[key][0]) for key in ("main_plates", "minor_plates"))
         if cars is None:
             swapped = {self._code: _empty_plate(recipe), _empty_plate(recipe): self._code}
+            codes = {s.id: swapped.get(s.code, s.code) for s in signed.signs}
+        else:
+            codes = {s.id: main if s.edge in arms.main else minor for s in signed.signs}
         binding = GiveWayParams(arms.ego_in, task.row.fields["node"], arms.prior_in)
         passage = PassageParams(arms.ego_in, exit_edge, arms.prior_in)
         return replace(
             signed,
             signs=tuple(
-                replace(
-                    s,
-                    code=swapped.get(s.code, s.code) if cars is None else codes[s.edge in arms.main],
-                    params=binding if s.params else None,
-                )
-                for s in signed.signs
+                replace(s, code=codes[s.id], params=binding if s.params else None) for s in signed.signs
             ),
             contrast=(ContrastClause("needless_stop", passage), ContrastClause("needless_yield", passage)),
         )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from lxml import etree
@@ -18,7 +18,7 @@ from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.signs.annotations import ALL_LANES, DISTRACTOR, SignInstance
+from tsbench.signs.annotations import ALL_LANES, DISTRACTOR, TARGET, SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause
 from tsbench.signs.places import load_places
@@ -169,6 +169,17 @@ def usual_limit(network: RoadNetwork, code: str, at: tuple[str, float], edges: S
     require(bool(values), f"no {code} can stand there")
     value = float(min((v for v in values if v >= own - 0.5), default=max(values)))
     return plate_beside(network, code, *at, number=1, role=DISTRACTOR, value=value)
+
+
+def exchanged(plate: SignInstance, other: SignInstance) -> tuple[SignInstance, SignInstance]:
+    """The plates of two posts, which change places: the target's, which posts no value, and one that binds nobody."""
+    free = replace(plate, code=other.code, value=other.value, lane=other.lane, role=DISTRACTOR, params=None)
+    return free, replace(other, code=plate.code, value=None, lane=plate.lane, role=TARGET)
+
+
+def turns_into(graph: LaneGraph, edges: AbstractSet[str]) -> set[Turn]:
+    """All turns by which some edges are entered."""
+    return {(edge, e) for e in edges for edge in graph.network.edges if e in graph.successors(edge)}
 
 
 def passenger_lanes(network: RoadNetwork, edge: str) -> tuple[Lane, ...]:

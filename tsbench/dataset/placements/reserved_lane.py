@@ -17,6 +17,7 @@ from tsbench.dataset.placements.placement import (
     ScenePlacement,
     SceneTask,
     UnfitMapError,
+    exchanged,
     plate_beside,
     require,
     start_speed,
@@ -28,7 +29,6 @@ from tsbench.geometry.polyline import Polyline
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import Lane
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.signs.annotations import ALL_LANES, DISTRACTOR, TARGET
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, WayParams
 from tsbench.signs.plate_params import ReservedLaneParams
@@ -109,11 +109,7 @@ class ReservedLanePlacement(ScenePlacement):
         params = plate.params_as(ReservedLaneParams)
         stay = WayParams(params.approach, lanes=params.lanes)
         return replace(
-            signed, target=other.id,
-            signs=(
-                replace(plate, code=other.code, value=other.value, lane=ALL_LANES, role=DISTRACTOR, params=None),
-                replace(other, code=plate.code, value=None, lane=plate.lane, role=TARGET),
-            ),
+            signed, target=other.id, signs=exchanged(plate, other),
             contrast=(ContrastClause("needless_detour", stay),),
         )  # fmt: skip
 

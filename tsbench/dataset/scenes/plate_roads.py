@@ -6,7 +6,7 @@ An edge is no road: where two roads meet without a third, or a scene has cut an 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -161,25 +161,18 @@ class PlateRoads:
         node = self.network.edges[approach].target
         into, out = self._at[node]
         pairs = self._pairs[node]
-        onto: dict[str, set[str]] = {LEFT: set(), RIGHT: set()}
-        from_: dict[str, set[str]] = {LEFT: set(), RIGHT: set()}
-        for e in out:
-            if e != pairs.get(approach) and (turn := self._turn(approach, e)) in onto:
-                onto[turn].add(e)
-        for e in into:
-            # A way back over the arm would leave by the side from which the edge comes.
-            turn = self._turn(approach, pairs[e]) if e in pairs else self._turn(approach, e, back=True)
-            if e != approach and turn in from_:
-                from_[turn].add(e)
-        return {side: (frozenset(onto[side]), frozenset(from_[side])) for side in onto}
+        leads = {e: self.graph.turn(approach, e) for e in out if e != pairs.get(approach)}
+        # The way back over an arm leaves by the side from which an edge comes.
+        comes = {
+            e: leads[pairs[e]] if e in pairs else self._turn_back(approach, e) for e in into if e != approach
+        }
+        return {side: (_of(leads, side), _of(comes, side)) for side in (LEFT, RIGHT)}
 
-    def _turn(self, approach: str, edge: str, *, back: bool = False) -> str:
-        """Class of the turn from an approach into an edge; back: against the direction of an edge that comes in."""
-        if not back:
-            return turn_class(math.degrees(heading_change(self.network, approach, edge)))
+    def _turn_back(self, approach: str, edge: str) -> str:
+        """Class of the turn from an approach onto another edge that comes in, against its direction."""
         a, b = (self.network.edge_lanes(e)[0].line for e in (approach, edge))
-        ends = (line.heading_at(max(line.length - 1.0, 0.0)) for line in (b, a))
-        return turn_class(math.degrees(math.pi + next(ends) - next(ends)))
+        first, last = (line.heading_at(max(line.length - 1.0, 0.0)) for line in (a, b))
+        return turn_class(math.degrees(math.pi + last - first))
 
     def leads_to_ring(self, approach: str) -> bool:
         """Is the junction at the end of an approach an entry of a ring?"""
@@ -207,6 +200,10 @@ class PlateRoads:
         line = self.network.edge_lanes(edge)[0].line
         headings = [line.heading_at(s) for s in _places(line.length)]
         return sum(wrap(b - a) for a, b in pairwise(headings))
+
+
+def _of(turns: Mapping[str, str], side: str) -> frozenset[str]:
+    return frozenset(e for e, turn in turns.items() if turn == side)
 
 
 def plate_roads(network: RoadNetwork, graph: LaneGraph) -> PlateRoads:
