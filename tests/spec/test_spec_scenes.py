@@ -16,6 +16,7 @@ from tsbench.scenarios.certificates import DENSITY_TOLERANCE
 from tsbench.scenarios.spec import SIGNED
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
+from tsbench.sim.nuplan import quantile
 
 CATALOG = load_catalog()
 RECIPES = {type_.id: load_recipe(type_.id, CATALOG) for type_ in CATALOG.types}
@@ -30,20 +31,20 @@ def test_the_presets_of_crosswalks() -> None:
     ]
 
 
-def test_the_grid_of_variants() -> None:
-    grid = {
+def test_the_axes_of_variants() -> None:
+    axes = {
         row["dimension"].partition(",")[0]: numbers(row["values"]) for row in table("scenes.md", "dimension")
     }
-    point = variants.Variant(1, 90.0, variants.DENSITIES[0], 3.61, 0, 0)
-    assert grid == {
+    ends = [quantile(variants.DENSITY_KEY, share) for share in variants.DENSITY_SHARES]
+    assert axes == {
         "route length after the decision point": list(variants.ROUTE_LENGTHS_M),
-        "density": [round(density, 2) for density in variants.DENSITIES],
-        "the same": [round(density / variants.LANE_KM_WITHIN_REACH, 1) for density in variants.DENSITIES],
-        "initial speed": list(variants.INITIAL_SPEEDS_MPS),
-        "draws of background drivers": [len(variants.DRIVER_DRAWS)],
+        "density": ends,
+        "the same": [round(density / variants.LANE_KM_WITHIN_REACH, 1) for density in ends],
+        "initial speed": [variants.LEAST_SPEED_MPS, round(quantile(variants.SPEED_KEY, 1.0), 2)],
+        "draws of background drivers": [variants.DRIVER_DRAWS],
+        "layouts": [variants.LAYOUTS],
         "default speed": [variants.NOMINAL_SPEED_MPS],
     }
-    assert round(point.cars_per_lane_km, 1) == grid["the same"][0]
 
 
 def test_split_and_certificate() -> None:

@@ -12,6 +12,7 @@ import numpy as np
 
 from tsbench.core.paths import data_file
 from tsbench.core.textfile import read_json
+from tsbench.geometry.polyline import Array
 
 
 @cache
@@ -21,10 +22,31 @@ def statistics() -> dict[str, Any]:
     return loaded
 
 
+def quantiles(key: str) -> tuple[Array, Array]:
+    """The published quantiles of one figure.
+
+    Returns: shares (k,) in (0, 1) increasing, and values (k,) increasing.
+    """
+    table = {float(name[1:]) / 100: float(v) for name, v in statistics()[key].items() if name[1:].isdigit()}
+    shares = sorted(table)
+    return np.array(shares), np.array([table[share] for share in shares])
+
+
+def quantile(key: str, share: float) -> float:
+    """A figure's value at a share in [0, 1]: linear between the published quantiles and on beyond the outermost."""
+    at, values = quantiles(key)
+    end = 0 if share < at[0] else -1
+    if at[0] <= share <= at[-1]:
+        return float(np.interp(share, at, values))
+    slope = (
+        (values[1] - values[0]) / (at[1] - at[0])
+        if end == 0
+        else (values[-1] - values[-2]) / (at[-1] - at[-2])
+    )
+    return float(values[end] + slope * (share - at[end]))
+
+
 def quantile_speed(share: float) -> float:
     """Speed (m/s) of moving traffic at a share in [0, 1]: linear between the published quantiles."""
-    table = statistics()["speed_mps"]
-    at = [0.0, 0.05, 0.25, 0.5, 0.75, 0.85, 0.95, 0.99, 1.0]
-    names = ["p5", "p25", "p50", "p75", "p85", "p95", "p99"]
-    values = [0.5, *(float(table[n]) for n in names), float(table["p99"]) * 1.05]
-    return float(np.interp(share, at, values))
+    at, values = quantiles("speed_mps")
+    return float(np.interp(share, [0.0, *at, 1.0], [0.5, *values, values[-1] * 1.05]))

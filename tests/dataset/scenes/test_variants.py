@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -13,15 +14,12 @@ from hypothesis import strategies as st
 from tsbench.core.seeds import rng_of, seed_of
 from tsbench.dataset.scenes.drivers import BODIES, draw_driver, draw_drivers
 from tsbench.dataset.scenes.variants import (
-    DENSITIES,
-    DRIVER_DRAWS,
-    INITIAL_SPEEDS_MPS,
     LAYOUTS,
     ROUTE_LENGTHS_M,
     Variant,
     variants_of,
 )
-from tsbench.sim.nuplan import quantile_speed, statistics
+from tsbench.sim.nuplan import quantile, quantile_speed, statistics
 
 NAMES = st.text(st.characters(min_codepoint=32), max_size=20)
 
@@ -36,9 +34,9 @@ def test_seeds_never_change() -> None:
 
 def test_variants_never_change() -> None:
     first, second, third = variants_of("yield", "j-nok-1a8ecee4e9")[:3]
-    assert first == Variant(0, 90.0, 0.0, 7.75, -1, 4, 3, 1, 0)
-    assert second == Variant(1, 90.0, 2.3333, 7.75, 2, 2, 4, 6, 3)
-    assert third == Variant(2, 120.0, 5.5, 7.75, 1, 2, 5, 7, 0)
+    assert first == Variant(0, 60.0, 0.0, 7.75, -1, 4, 3, 1, 0)
+    assert second == Variant(1, 73.7, 3.26, 7.05, 2, 0, 4, 6, 3)
+    assert third == Variant(2, 68.2, 4.61, 4.28, 1, 0, 5, 7, 0)
 
 
 def test_neither_hash_seed_nor_order_matters() -> None:
@@ -57,24 +55,34 @@ def test_neither_hash_seed_nor_order_matters() -> None:
 
 
 @given(NAMES, NAMES)
-def test_ten_different_points_of_the_grid_the_first_nominal(scenario_type: str, map_id: str) -> None:
+def test_ten_variants_the_first_nominal_the_others_in_a_ninth_each(scenario_type: str, map_id: str) -> None:
     nominal, *rest = variants_of(scenario_type, map_id)
     assert [v.number for v in (nominal, *rest)] == list(range(10))
     assert (nominal.density, nominal.drivers, nominal.initial_speed) == (0.0, -1, 7.75)
     assert nominal.cars_per_lane_km == 0.0
-    points = {(v.route_length, v.density, v.initial_speed, v.drivers, v.layout) for v in rest}
-    assert len(points) == 9
-    for v in rest:
-        assert v.route_length in ROUTE_LENGTHS_M
-        assert v.density in DENSITIES
-        assert v.initial_speed in INITIAL_SPEEDS_MPS
-        assert v.drivers in DRIVER_DRAWS
-        assert v.layout in LAYOUTS
+    low, high = ROUTE_LENGTHS_M
+    lengths = sorted((v.route_length - low) / (high - low) for v in rest)
+    assert all(k / 9 - 1e-3 <= share <= (k + 1) / 9 + 1e-3 for k, share in enumerate(lengths))
+    assert min(v.initial_speed for v in rest) >= 1.0
+    assert all(0.5 <= v.density <= 9.0 for v in rest)
+    assert Counter(v.drivers for v in rest) == {0: 3, 1: 3, 2: 3}
+    assert {v.layout for v in rest} == set(range(LAYOUTS))
 
 
-def test_densities_are_what_the_specification_says() -> None:
-    per_km = [Variant(1, 90.0, d, 7.75, 0, 0).cars_per_lane_km for d in DENSITIES]
-    assert per_km == pytest.approx([7.8, 13.3, 18.3], abs=0.05)
+@given(st.floats(60.0, 120.0), st.floats(0.0, 100.0), st.floats(0.0, 300.0))
+def test_routes_end_on_the_map_and_no_sooner_than_the_type_needs(
+    asked: float, least: float, more: float
+) -> None:
+    room = least + more
+    end = Variant(1, asked, 4.0, 7.75, 0, 0).route_end(least, room)
+    assert least - 0.06 <= end <= room + 0.06
+    assert end <= max(120.0, least) + 0.06
+
+
+def test_routes_of_a_short_map_end_apart() -> None:
+    ends = {v.route_end(25.0, 62.0) for v in variants_of("yield", "m")[1:]}
+    assert len(ends) == 9
+    assert max(ends) - min(ends) > 20.0
 
 
 def test_maps_and_types_get_variants_of_their_own() -> None:
@@ -95,6 +103,13 @@ def test_speeds_are_the_published_quantiles() -> None:
         assert quantile_speed(share) == pytest.approx(table[name])
     shares = np.linspace(0.0, 1.0, 101)
     assert (np.diff([quantile_speed(float(s)) for s in shares]) > 0).all()
+
+
+def test_figures_go_on_beyond_the_outermost_quantiles() -> None:
+    assert quantile("initial_speed_mps", 0.25) == 3.61
+    assert quantile("initial_speed_mps", 0.625) == pytest.approx((7.75 + 11.05) / 2)
+    assert quantile("initial_speed_mps", 1.0) == pytest.approx(11.05 + (11.05 - 7.75))
+    assert quantile("initial_speed_mps", 0.0) == pytest.approx(3.61 - (7.75 - 3.61))
 
 
 def test_drivers_are_people() -> None:

@@ -84,7 +84,8 @@ class ClosedRoadPlacement(ScenePlacement):
             plate_beside(network, self.code, way.exit, plate_s, ApproachParams(lane.edge)),
             usual_limit(network, harmless, (way.other, plate_s), (way.exit, way.other)),
         )
-        end_s = plate_s + recipe.number("destination_behind_plate_m")
+        room = network.edges[way.exit].length - recipe.number("end_before_edge_m")
+        end_s = variant.route_end(plate_s + recipe.number("destination_behind_plate_m"), room)
         into = turns_into(graph, {way.exit, way.other})
         return Arrangement(
             signs=signs, target=signs[0].id, start=start, destination=Destination(way.exit, end_s),

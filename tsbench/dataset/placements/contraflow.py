@@ -73,7 +73,7 @@ class ContraflowPlacement(ScenePlacement):
         before = float(task.rng.uniform(least, most))
         start = EgoStart(lane.id, lane.line.length - before - EGO_LENGTH_M / 2, start_speed(task, lane))
         room = network.edge_lanes(exit_)[0].line.length - recipe.number("end_before_edge_m")
-        end_s = min(variant.route_length, room)
+        end_s = variant.route_end(0.0, room)
         across = math.dist(lane.line.points[-1], contra.line.points[-1])
         return Arrangement(
             signs=(sign,), target=sign.id, start=start, destination=Destination(exit_, end_s),

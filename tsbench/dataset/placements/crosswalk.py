@@ -102,7 +102,7 @@ class CrosswalkPlacement(ScenePlacement):
         # Who comes fast has something to lose: slow from the start would be slow for nobody.
         share = np.interp(
             variant.initial_speed,
-            (INITIAL_SPEEDS_MPS[0], INITIAL_SPEEDS_MPS[-1]),
+            INITIAL_SPEEDS_MPS,
             (recipe.number("start_speed_share"), 1.0),
         )
         start = EgoStart(lane.id, start_s, round(cruise * float(share), 2))
@@ -110,7 +110,7 @@ class CrosswalkPlacement(ScenePlacement):
         to_line = lane.line.length - start_s - EGO_LENGTH_M / 2
         wait = predicted_arrival(to_line, to_line + ahead, start.speed, cruise, cruise)
         room = network.edge_lanes(last)[0].line.length - recipe.number("end_before_edge_m")
-        end_s = min(variant.route_length, room)
+        end_s = variant.route_end(0.0, room)
         return Arrangement(
             signs=(sign, other), target=sign.id, start=start, destination=Destination(last, end_s),
             route_hint=(first, last), route_length=end_s,

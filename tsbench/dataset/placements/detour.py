@@ -74,7 +74,8 @@ class DetourPlacement(ScenePlacement):
             require(room >= recipe.number("passed_before_ego_m"), f"{room:.0f} m behind the obstacle passed")
             signs.append(_plate(1, self._others(recipe)[0], lane, passed, DISTRACTOR))
             obstacles.append(_obstacle(1, shape, lane, passed))
-        end_s = min(middle + variant.route_length, length_m - recipe.number("end_before_edge_m"))
+        past = recipe.number("end_before_edge_m")
+        end_s = middle + variant.route_end(recipe.number("least_after_m") - past, length_m - past - middle)
         beyond = near + length + _LONGEST_CAR_M + 1.0
         return Arrangement(
             signs=tuple(signs), target=signs[0].id,

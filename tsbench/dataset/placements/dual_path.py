@@ -103,8 +103,10 @@ class ManoeuvrePlacement(ScenePlacement):
         before = float(task.rng.uniform(recipe.number("ego_nearest_m"), recipe.number("ego_farthest_m")))
         start = EgoStart(lane.id, before_line(lane, before), start_speed(task, lane))
         goal = network.edge_lanes(target)[0].line.length
-        end_s = min(recipe.number("destination_m"), goal - recipe.number("end_before_edge_m"))
-        require(end_s >= recipe.number("least_destination_m"), f"the destination edge is {goal:.0f} m long")
+        room = min(recipe.number("destination_m"), goal - recipe.number("end_before_edge_m"))
+        least = recipe.number("least_destination_m")
+        require(room >= least, f"the destination edge is {goal:.0f} m long")
+        end_s = variant.route_end(least, room)
         plates = self.plates(task, short, compliant)
         banned |= self.banned(graph, short, self._allowed(self.other_code(task, short, compliant)))
         closed |= self.closed(graph, compliant) | self.empty(task, signed)
@@ -113,7 +115,7 @@ class ManoeuvrePlacement(ScenePlacement):
             check_way(graph, way, avoided)
         return Arrangement(
             signs=plates, target=plates[0].id, start=start, destination=Destination(target, end_s),
-            route_hint=short, compliant_hint=compliant, route_length=_length(network, graph, short[1:]),
+            route_hint=short, compliant_hint=compliant, route_length=_length(network, graph, short[1:]) + end_s,
             avoid_turns=avoided, closed_edges=closed,
             quiet_edges=frozenset({signed}), platoons=frozenset(network.edges),
             blocked=keep_clear(passenger_lanes(network, signed), start),
@@ -324,5 +326,6 @@ def _check_turns(row: PoolRow, graph: LaneGraph, short: Sequence[str], compliant
 
 
 def _length(network: RoadNetwork, graph: LaneGraph, edges: Sequence[str]) -> float:
+    """Metres along the edges from the start of the first to the start of the last."""
     inner = sum(graph.crossing_length(a, b) for a, b in pairwise(edges))
-    return inner + sum(network.edges[e].length for e in edges)
+    return inner + sum(network.edges[e].length for e in edges[:-1])

@@ -97,8 +97,12 @@ class GiveWayPlacement(ScenePlacement):
         chosen = options[variant.layout % len(options)]
         lane, exit_lane = network.lanes[chosen.ego.from_lane], network.lanes[chosen.ego.to_lane]
         start = EgoStart(lane.id, before_line(lane, before), start_speed(task, lane))
-        end_s = min(variant.route_length, exit_lane.line.length - recipe.number("end_before_edge_m"))
-        require(end_s >= recipe.number("least_exit_m"), f"the exit arm is {exit_lane.line.length:.0f} m long")
+        room, least = (
+            exit_lane.line.length - recipe.number("end_before_edge_m"),
+            recipe.number("least_exit_m"),
+        )
+        require(room >= least, f"the exit arm is {exit_lane.line.length:.0f} m long")
+        end_s = variant.route_end(least, room)
         route = (lane.edge, exit_lane.edge)
         require(graph.route(lane.edge, exit_lane.edge) == route, "the exit is not the next edge of the route")
         signs = self._plates(task, arms, chosen, start)

@@ -69,7 +69,7 @@ class MinSpeedPlacement(ScenePlacement):
         # The slower a variant starts, the farther it is below the minimum.
         deficit = np.interp(
             variant.initial_speed,
-            (INITIAL_SPEEDS_MPS[0], INITIAL_SPEEDS_MPS[-1]),
+            INITIAL_SPEEDS_MPS,
             (recipe.number("most_deficit_kmh"), recipe.number("least_deficit_kmh")),
         )
         end_s = lane.line.length - recipe.number("end_before_edge_m")
@@ -79,7 +79,7 @@ class MinSpeedPlacement(ScenePlacement):
         front += float(task.rng.uniform(0.0, min(latest - front, recipe.number("jitter_m"))))
         plate_s = front + recipe.number("plate_after_start_m")
         # No farther than the slow style gets within the horizon.
-        end_s = min(end_s, plate_s + max(recipe.number("zone_m"), variant.route_length))
+        end_s = plate_s + variant.route_end(recipe.number("zone_m"), end_s - plate_s)
         start = EgoStart(lane.id, front - EGO_LENGTH_M / 2, (minimum - float(deficit)) * KMH)
         sign = plate_beside(network, self.code, edge, plate_s, ZoneParams((edge,)), value=minimum)
         return Arrangement(

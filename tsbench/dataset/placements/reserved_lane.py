@@ -92,9 +92,7 @@ class ReservedLanePlacement(ScenePlacement):
         )
         other = usual_limit(network, recipe.choices["harmless"][0], (facing, 0.0), (facing, zone))
         room = network.edge_lanes(last)[0].line.length - recipe.number("end_before_edge_m")
-        end_s = min(
-            max(variant.route_length - reserved.line.length, recipe.number("least_destination_m")), room
-        )
+        end_s = variant.route_end(recipe.number("least_destination_m"), room)
         return Arrangement(
             signs=(sign, other), target=sign.id, start=start, destination=Destination(last, end_s),
             route_hint=(first, zone, last), route_length=reserved.line.length + end_s,

@@ -69,13 +69,10 @@ class RoundaboutPlacement(ScenePlacement):
         assert route is not None
         exit_lane = network.edge_lanes(leave)[0]
         round_m = sum(network.edges[e].length for e in route[1:-1])
-        end_s = min(
-            max(variant.route_length - round_m, recipe.number("least_exit_m")),
-            exit_lane.line.length - recipe.number("end_before_edge_m"),
-        )
-        require(
-            end_s >= recipe.number("shortest_exit_m"), f"the exit arm is {exit_lane.line.length:.0f} m long"
-        )
+        room = exit_lane.line.length - recipe.number("end_before_edge_m")
+        least = recipe.number("least_exit_m")
+        require(room >= least, f"the exit arm is {exit_lane.line.length:.0f} m long")
+        end_s = variant.route_end(least, room)
         destination = Destination(leave, end_s)
         lane, path = _entry_lane(task, route, destination)
         before = min(recipe.number("ego_before_line_m"), lane.line.length - EGO_LENGTH_M - _STILL_ROOM_M)

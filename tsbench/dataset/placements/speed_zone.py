@@ -120,8 +120,10 @@ class SpeedZonePlacement(ScenePlacement):
         require(room >= 0.0, f"no room to brake from {v0:.1f} m/s before the plate")
         jitter = float(task.rng.uniform(0.0, min(recipe.number("jitter_m"), room)))
         start = EgoStart(lane.id, lane.line.length - need - jitter - EGO_LENGTH_M / 2, v0)
-        end_s = recipe.number("end_plate_before_destination_m")
-        require(end_s < network.edge_lanes(last)[0].line.length - 3.0, "no room for the destination")
+        least = recipe.number("end_plate_before_destination_m")
+        room = network.edge_lanes(last)[0].line.length - 3.0
+        require(room > least, "no room for the destination")
+        end_s = variant.route_end(least, room)
         signs = (
             plate_beside(network, self.code, zone[0], 0.0, ZoneParams((*zone, last)), value=limit),
             plate_beside(network, self.end_code, last, 0.0, number=1, role="end", value=limit, ends="sign_0"),

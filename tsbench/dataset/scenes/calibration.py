@@ -12,17 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsbench.core.errors import InputError
-from tsbench.dataset.scenes.variants import LANE_KM_WITHIN_REACH
+from tsbench.dataset.scenes.variants import DENSITY_KEY, LANE_KM_WITHIN_REACH, SPEED_KEY
 from tsbench.dataset.seeds import seed_of
 from tsbench.geometry.polyline import Array
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.sim.nuplan import statistics
+from tsbench.sim.nuplan import quantiles
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
 GOAL = 0.10
-PROBES = (0.25, 0.5, 0.75)
 # nuPlan's own bounds of "moving".
 MOVING_MPS = (0.5, 40.0)
 SPEEDS_OVER_S = 30.0
@@ -50,30 +49,18 @@ class Quantiles:
 class Fit:
     """A sample against its quantiles. `sample`: sorted. distance: KS over the range of the published quantiles.
 
-    at_probes: KS with both rounded to the grid's own levels; NaN where the grid asks for none.
+    good: is the distance within the goal? None where there is no goal.
     """
 
     quantiles: Quantiles
     sample: Array
     distance: float
-    at_probes: float
-
-    @property
-    def good(self) -> bool | None:
-        """Within the goal at the grid's levels; None where there is no goal."""
-        return None if np.isnan(self.at_probes) else self.at_probes <= GOAL
-
-    @property
-    def near(self) -> bool | None:
-        """Within the goal unrounded; None where there is no goal."""
-        return None if self.good is None else self.distance <= GOAL
+    good: bool | None
 
 
 def published(name: str, key: str, unit: str) -> Quantiles:
     """The quantiles (`p5`, `p25`, ...) of one of the published figures."""
-    table = {float(k[1:]) / 100: float(v) for k, v in statistics()[key].items() if k[1:].isdigit()}
-    share = sorted(table)
-    return Quantiles(name, unit, np.array(share), np.array([table[s] for s in share]))
+    return Quantiles(name, unit, *quantiles(key))
 
 
 def ks_distance(sample: Array, quantiles: Quantiles) -> float:
@@ -91,17 +78,6 @@ def ks_distance(sample: Array, quantiles: Quantiles) -> float:
     return float(max(np.abs(upto - wanted).max(), np.abs(before - wanted).max()))
 
 
-def probe_distance(sample: Array, quantiles: Quantiles) -> float:
-    """The same with both sides rounded to the nearest of the levels that the grid asks for (nuPlan's 25, 50, 75 %).
-
-    It is blind to the spread around a level, and sees where scenes of two levels are the same traffic.
-    """
-    level = np.interp(PROBES, quantiles.share, quantiles.value)
-    border = (level[1:] + level[:-1]) / 2
-    below = np.searchsorted(np.sort(sample), border) / len(sample)
-    return float(np.abs(below - quantiles.cdf(border)).max())
-
-
 def calibrate(initial_speeds: Array, cruise_speeds: Array, densities: Array) -> list[Fit]:
     """The three comparisons.
 
@@ -109,21 +85,23 @@ def calibrate(initial_speeds: Array, cruise_speeds: Array, densities: Array) -> 
     densities: (k,) realised cars per lane-km, of scenes with traffic. Raises InputError where one is empty.
     """
     parts = (
-        (published("initial speed", "initial_speed_mps", "m/s"), initial_speeds, True),
+        (published("initial speed", SPEED_KEY, "m/s"), initial_speeds, True),
         (published("cruise speed", "speed_mps", "m/s"), cruise_speeds, False),
         (
-            published("density", "moving_cars_per_lane_within_150m", "moving cars per lane within 150 m"),
+            published("density", DENSITY_KEY, "moving cars per lane within 150 m"),
             densities * LANE_KM_WITHIN_REACH,
             True,
         ),
     )
-    for q, x, _ in parts:
-        if not len(x):
-            raise InputError(f"calibration: the scenarios have no {q.name} to compare (all without traffic?)")
-    return [
-        Fit(q, np.sort(x), ks_distance(x, q), probe_distance(x, q) if probed else float("nan"))
-        for q, x, probed in parts
-    ]
+    fits = []
+    for of, sample, has_goal in parts:
+        if not len(sample):
+            raise InputError(
+                f"calibration: the scenarios have no {of.name} to compare (all without traffic?)"
+            )
+        distance = ks_distance(sample, of)
+        fits.append(Fit(of, np.sort(sample), distance, distance <= GOAL if has_goal else None))
+    return fits
 
 
 def grid_speeds(rows: Sequence[ScenarioSpec]) -> Array:

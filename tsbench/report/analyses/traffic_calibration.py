@@ -43,23 +43,17 @@ def calibration(fits: Sequence[Fit], split: str | None) -> Analysis:
     """One row for each quantity. split: whose scenarios they are of, None: all that are there."""
     columns = (
         Column("quantity", "quantity", Kind.TEXT), Column("unit", "unit", Kind.TEXT), Column("n", "n", Kind.COUNT),
-        Column("ks", "KS", Kind.NUMBER, 3), Column("near", f"at most\n{GOAL:.2f}", Kind.TEXT),
-        Column("ks_levels", "KS at the\ngrid's levels", Kind.NUMBER, 3),
-        Column("goal", f"at most\n{GOAL:.2f} there", Kind.TEXT),
+        Column("ks", "KS", Kind.NUMBER, 3), Column("goal", f"at most\n{GOAL:.2f}", Kind.TEXT),
     )  # fmt: skip
     rows = tuple(
-        Row((
-            fit.quantiles.name, fit.quantiles.unit, len(fit.sample), fit.distance, _JUDGED[fit.near],
-            None if fit.good is None else fit.at_probes, _JUDGED[fit.good],
-        ))
+        Row((fit.quantiles.name, fit.quantiles.unit, len(fit.sample), fit.distance, _JUDGED[fit.good]))
         for fit in fits
-    )  # fmt: skip
+    )
     whose = f"{split} split" if split else "all splits"
     title = f"Calibration of traffic: scenarios ({whose}) against nuPlan"
     notes = (
         "KS: Kolmogorov-Smirnov distance between the scenarios' values and nuPlan's published quantiles, whose CDF is "
         "taken as linear between them; nothing is compared beyond the outermost",
-        "the grid's levels: nuPlan's 25, 50 and 75 %, to the nearest of which both are rounded there",
     )
     return Analysis(
         "calibration",
@@ -82,10 +76,7 @@ def _draw(fits: Sequence[Fit], title: str, stacked: bool = False) -> Figure:
         share = np.arange(1, n + 1) / n
         axes.step(fit.sample, share, where="post", color=_OURS, linewidth=2.0, label=f"scenarios (n = {n})")
         axes.plot(q.value, q.share, "o--", color=_NUPLAN, markersize=4, label="nuPlan, published quantiles")
-        told = f"KS {fit.distance:.3f}"
-        if fit.good is not None:
-            told += f", at the grid's levels {fit.at_probes:.3f}"
-        axes.set_title(f"{q.name}{_BREAK if stacked else ': '}{told}", fontsize=9)
+        axes.set_title(f"{q.name}{_BREAK if stacked else ': '}KS {fit.distance:.3f}", fontsize=9)
         axes.set_xlabel(q.unit, fontsize=8)
         axes.set_ylim(0.0, 1.0)
         axes.tick_params(labelsize=8)
@@ -139,7 +130,7 @@ def traffic(pool: RunPool, index: EpisodeIndex) -> Analysis | None:
 
 def unjudged(fits: Sequence[Fit]) -> list[Fit]:
     """The same without a verdict: the goal is one for the whole of a split, a part of it need not look like nuPlan."""
-    return [replace(fit, at_probes=float("nan")) for fit in fits]
+    return [replace(fit, good=None) for fit in fits]
 
 
 def background_speeds(traces: Iterable[Trace]) -> Array:
