@@ -206,6 +206,67 @@ class Presses(Rushes):
         return _capped(command, ego.speed, route.path.limit_at(route.s) + self.above_mps)
 
 
+class Brushes:
+    """`idm`, but its way swings through the mouth of the other exit that is nearest to it."""
+
+    floor, sign_access = True, False
+    swing_m, inside_m, ahead_m, most_mps = 6.0, 0.5, 3.0, 3.0
+
+    def reset(self, context: PlannerContext) -> None:
+        self._base, self._map = Idm(), context.network
+        self._path, self._mouth = None, None
+        self._base.reset(context)
+
+    def act(self, observation: Observation) -> Control:
+        seen = masked(observation)
+        command, ego, route = self._base.act(seen), seen.ego, seen.route
+        if self._path is None:
+            self._path, self._mouth = route.path, self._nearest_mouth(seen)
+        s, d = self._mouth or (math.inf, 0.0)
+        apart = (route.s + self.ahead_m - s) / self.swing_m
+        if abs(apart) > 1.0 or route.path is not self._path:
+            return command
+        x, y = route.path.line.point_at(route.s + self.ahead_m, d * (1.0 - apart**2))
+        return Control(
+            min(command.acceleration, self.most_mps - ego.speed), pursue(ego.x, ego.y, ego.heading, x, y)
+        )
+
+    def _nearest_mouth(self, seen: Observation) -> tuple[float, float] | None:
+        """Where an exit begins that the way leaves aside: its place along the way and beside it."""
+        first, second = seen.route.path.edges[:2]
+        exits = [
+            edge
+            for edge in self._map.edges.values()
+            if edge.source == self._map.edges[first].target and edge.id != second and not edge.internal
+        ]
+        points = [self._map.lanes[i].line.point_at(self.inside_m) for e in exits for i in e.lanes]
+        places = [seen.route.path.line.project(*point) for point in points]
+        return min(places, key=lambda place: abs(place[1]), default=None)
+
+
+class Weaves:
+    """`idm` as fast as the road allows, to and fro over the edge between its lane and the one beside it."""
+
+    floor, sign_access = True, False
+    period_s, share, ahead_m = 1.2, 0.5, 9.0
+
+    def reset(self, context: PlannerContext) -> None:
+        self._base, self._map = Rushes(), context.network
+        self._base.reset(context)
+
+    def act(self, observation: Observation) -> Control:
+        seen = masked(observation)
+        command, ego, route = self._base.act(seen), seen.ego, seen.route
+        lane = self._map.lanes[route.path.lane_at(route.s)]
+        side = 1.0 if lane.left >= 0 else -1.0
+        if max(lane.left, lane.right) < 0:
+            return command
+        out = seen.time % self.period_s < self.share * self.period_s
+        d = side * (lane.width / 2 + (0.7 if out else -0.7))
+        ahead = route.path.line.point_at(route.s + self.ahead_m, d)
+        return Control(command.acceleration, pursue(ego.x, ego.y, ego.heading, *ahead))
+
+
 def _capped(command: Control, speed: float, most: float) -> Control:
     """The command, but that it brings a speed above `most` down to that."""
     return Control(min(command.acceleration, max(-4.0, 2.0 * (most - speed))), command.steering)
