@@ -17,7 +17,7 @@ from tsbench.cli.campaign import read_campaign
 from tsbench.core.paths import OWN_CITY, city_in_use, mirrored_in_use, using_city
 from tsbench.report.analyses.failures import CAUSES
 from tsbench.run.contract import mirrored_contract
-from tsbench.run.edition import built_editions, edition_now, edition_of, editions, standing_contract
+from tsbench.run.edition import built_editions, edition_now, edition_of, editions, in_force, standing_contract
 from tsbench.run.log.read import StoredRun, read_run
 
 ROOT = Path(tsbench.__file__).parent.parent
@@ -39,9 +39,7 @@ def runs() -> list[StoredRun]:
 def contract_of_test(city: str) -> str:
     """That of the edition's results."""
     with using_city(city):
-        (edition,) = [e for e in (*editions(), *built_editions()) if e.name == edition_now()] or editions()[
-            -1:
-        ]
+        (edition,) = [e for e in (*editions(), *built_editions()) if e.name == edition_now()] or [in_force()]
         kept = edition.kept("test")
         return mirrored_contract(kept) if mirrored_in_use() else kept
 

@@ -10,10 +10,10 @@ from command_line import in_process, refused
 from PIL import Image
 from run_builders import CONTRACT, episodes, failed, lost, make_run
 
-from tsbench.run.edition import editions
+from tsbench.run.edition import in_force
 
 # Made-up contracts are nobody's edition.
-LOCAL = f"{editions()[-1].name}+local"
+LOCAL = f"{in_force().name}+local"
 
 
 @pytest.fixture

@@ -16,7 +16,8 @@ from tsbench.core import provenance
 from tsbench.core.paths import data_root
 from tsbench.run import contract
 from tsbench.run.contract import contract_hash
-from tsbench.run.edition import contract_now, edition_here, editions
+from tsbench.run.edition import contract_now, edition_here
+from tsbench.scenarios.editions import scene_editions
 from tsbench.signs.catalog import Catalog, load_catalog
 
 
@@ -61,11 +62,11 @@ def forget() -> None:
 )
 def test_a_clone_with_changes_is_local(clone: Path, edit: Callable[[Path], object]) -> None:
     assert not contract.code_is_local()
-    assert edition_here(contract_now("dev")) == editions()[-1].name
+    assert edition_here(contract_now("dev")) == scene_editions()["dev"]
     edit(clone)
     forget()
     assert contract.code_is_local()
-    assert edition_here(contract_now("dev")) == f"{editions()[-1].name}+local"
+    assert edition_here(contract_now("dev")) == f"{scene_editions()['dev']}+local"
 
 
 def test_an_installed_package_is_compared_with_its_record(

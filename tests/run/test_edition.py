@@ -21,14 +21,17 @@ from tsbench.run.edition import (
     edition_now,
     edition_of,
     editions,
+    in_force,
     release,
 )
 from tsbench.scenarios import table
 from tsbench.scenarios.certificates import certificates_path, read_certificates
+from tsbench.scenarios.editions import scene_editions
 from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.tools.diagnosis import Status, check_edition
 
 FEW = ("dev", "holdout")
+SCENES = scene_editions()
 RELEASED = [split for split in splits_there() if split not in earlier_splits()]
 
 
@@ -47,15 +50,16 @@ def found(split: str) -> str:
 @pytest.mark.parametrize("split", RELEASED)
 def test_this_tsbench_is_what_was_released(split: str) -> None:
     """Where this fails, rules, scenes, code or versions have changed: if that is meant, `make edition`."""
-    assert found(split) == editions()[-1].released[tsbench.__version__][split]
-    assert edition_of(found(split)) == editions()[-1].name
+    (scenes,) = [e for e in editions() if e.name == SCENES[split]]
+    assert found(split) == scenes.released[tsbench.__version__][split]
+    assert edition_of(found(split)) == scenes.name
 
 
 @pytest.mark.parametrize("city", SHIPPED_CITIES)
 @pytest.mark.parametrize("split", ["dev", "test"])
 def test_a_city_that_is_shipped_is_what_was_released(city: str, split: str) -> None:
     with using_city(city):
-        assert edition_of(contract_now(split)) == f"{city}-{editions()[-1].name}", "make edition"
+        assert edition_of(contract_now(split)) == f"{city}-{in_force().name}", "make edition"
         assert len(read_table(table_path(split))) >= {"dev": 2, "test": 200}[split]
 
 
@@ -66,7 +70,7 @@ def test_a_mirrored_data_set_has_a_contract_of_its_own(city: str, monkeypatch: p
         stored, name = contract_now("dev"), edition_now()
     with using_city(f"{MIRRORED}{city}"):
         image = contract_now("dev")
-        now = editions()[-1].name
+        now = in_force().name
         assert edition_now() == f"{MIRRORED}{city}-{now}"
         assert edition_of("f" * 64) == f"{MIRRORED}{city}-{now}+local"
     assert image != stored
@@ -74,19 +78,19 @@ def test_a_mirrored_data_set_has_a_contract_of_its_own(city: str, monkeypatch: p
     made = Edition(name, "", {tsbench.__version__: {"dev": stored}})
     which = "editions" if city == OWN_CITY else "built_editions"
     others = editions() if city == OWN_CITY else ()
-    monkeypatch.setattr(edition, which, lambda: (*others[:-1], made))
+    monkeypatch.setattr(edition, which, lambda: (*(e for e in others if e.name != made.name), made))
     assert edition_of(image) == f"{MIRRORED}{city}-{now}"
     assert edition_of(stored) == name
 
 
 def test_a_changed_contract_does_not_pass_under_the_name() -> None:
-    name = editions()[-1].name
+    name = in_force().name
     assert edition_of("f" * 64) == f"{name}+local"
     # Nor does a run's own word make it one.
     assert edition_of("f" * 64, name) == f"{name}+local"
     assert edition_of("f" * 64, "2031.1+local") == "2031.1+local"
     assert edition_of("f" * 64, ["no", "name"]) == f"{name}+local"
-    released = editions()[-1].now()[RELEASED[0]]
+    released = in_force().now()["test"]
     assert edition_of(released, "2031.1") == name
     # Changed code stays marked, whatever the contract.
     assert edition_of(released, "2031.1+local") == f"{name}+local"
@@ -100,21 +104,20 @@ def test_a_release_writes_its_version_and_keeps_the_others(
     monkeypatch.setattr(edition, "PATH", path)
     monkeypatch.setattr(edition, "contract_now", found)
     editions.cache_clear()
-    assert release() == editions()[-1].released[tsbench.__version__]
+    assert release() == {split: found(split) for split in RELEASED}
     assert path.read_bytes() == edition.PATH.read_bytes()
-    before = editions()[-1]
+    before = editions()
     monkeypatch.setattr(tsbench, "__version__", "9.9.9")
     monkeypatch.setattr(edition, "contract_now", lambda split: split * 16)
     release()
     editions.cache_clear()
-    # Results of another scoring stay known; of the same one, other contracts have other results.
-    other = before.scoring not in (None, SCORING)
-    assert editions()[-1] == replace(
-        before,
-        released={**before.released, "9.9.9": {split: split * 16 for split in RELEASED}},
-        earlier=before.earlier if other else {},
-    )
-    assert edition_of(RELEASED[0] * 16) == before.name
+    for one, was in zip(editions(), before, strict=True):
+        now = {split: split * 16 for split in RELEASED if SCENES[split] == one.name}
+        # Results of another scoring stay known; of the same one, other contracts have other results.
+        other = not now or was.scoring not in (None, SCORING)
+        released = {**was.released, "9.9.9": now} if now else was.released
+        assert one == replace(was, released=released, earlier=was.earlier if other else {})
+    assert edition_of(RELEASED[0] * 16) == SCENES[RELEASED[0]]
     monkeypatch.undo()
     editions.cache_clear()
 
@@ -125,21 +128,22 @@ def test_the_doctor_names_the_edition_and_what_was_changed(monkeypatch: pytest.M
     monkeypatch.setattr(table, "splits_there", lambda root=None: FEW)
     *splits, certificates = check_edition()
     assert [finding.status for finding in splits] == [Status.OK] * len(FEW)
-    assert sum(f.text.startswith(f"{editions()[-1].name}, contract of the ") for f in splits) == len(FEW)
+    for split, finding in zip(FEW, splits, strict=True):
+        assert finding.text.startswith(f"{SCENES[split]}, contract of the {split} split ")
     rows = sum(len(read_table(table_path(split))) for split in FEW)
     assert certificates.text.startswith(f"{rows} rows, each with a certificate of what it is")
     judged = {certificate.scoring for certificate in read_certificates(certificates_path())}
     assert (certificates.status is Status.OK) == (judged == {SCORING})
     monkeypatch.setattr(edition, "contract_now", lambda split: "f" * 64)
     changed = islice(check_edition(), len(FEW))
-    assert [(f.status, f"{editions()[-1].name}+local" in f.text) for f in changed] == [
-        (Status.NOTE, True)
-    ] * len(FEW)
+    assert [(f.status, f"{in_force().name}+local" in f.text) for f in changed] == [(Status.NOTE, True)] * len(
+        FEW
+    )
 
 
 def test_the_doctor_says_which_scenes_are_of_an_earlier_edition(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(edition, "earlier_splits", lambda: {"train": "2026.2"})
-    monkeypatch.setattr(edition, "contract_now", lambda split: editions()[-1].now()[split])
+    monkeypatch.setattr(edition, "contract_now", found)
     told = islice(check_edition(), len(RELEASED))
     notes = [finding.text for finding in told if finding.status is Status.NOTE]
     assert notes == ["the scenes of the train split are of 2026.2"]

@@ -44,6 +44,7 @@ def entered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(edition, "PATH", path)
     monkeypatch.setattr(edition, "splits_there", lambda: ("test", "dev"))
     monkeypatch.setattr(edition, "earlier_splits", lambda: {})
+    monkeypatch.setattr(edition, "scene_editions", lambda: {})
     editions.cache_clear()
     yield
     monkeypatch.undo()

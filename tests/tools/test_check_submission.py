@@ -12,7 +12,7 @@ from command_line import in_process
 
 from tsbench.planners.check import Finding, Level
 from tsbench.run.contract import SCORING
-from tsbench.run.edition import LOCAL, editions
+from tsbench.run.edition import LOCAL, in_force
 from tsbench.run.isolation.loading import SandboxedPlanner
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.tools import check_submission as subject
@@ -51,7 +51,7 @@ def spec(tmp_path: Path) -> str:
 @pytest.fixture
 def released(monkeypatch: pytest.MonkeyPatch) -> None:
     """Code that was changed since the release counts as released."""
-    monkeypatch.setattr(subject, "edition_here", lambda _: editions()[-1].name)
+    monkeypatch.setattr(subject, "edition_here", lambda _: in_force().name)
 
 
 def by_topic(found: list[Finding]) -> dict[str, Finding]:
@@ -66,7 +66,7 @@ def test_a_planner_that_may_be_submitted_has_no_problem(spec: str, released: Non
     found = check(f"{spec}:Steady")
     assert {finding.level for finding in found.values()} <= {Level.OK, Level.NOTE}
     assert {"contract", "isolation", "code", "determinism"} <= found.keys()
-    assert editions()[-1].name in found["contract"].text
+    assert in_force().name in found["contract"].text
     assert found["determinism"].level is found["code"].level is Level.OK
 
 
@@ -93,7 +93,7 @@ def test_one_that_does_not_come_up_says_why_and_drives_nothing(spec: str, releas
 def test_changed_code_is_refused_before_anything_is_driven(
     spec: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(subject, "edition_here", lambda _: f"{editions()[-1].name}{LOCAL}")
+    monkeypatch.setattr(subject, "edition_here", lambda _: f"{in_force().name}{LOCAL}")
     found = check(f"{spec}:Hopeless")
     assert found["contract"].level is Level.PROBLEM
     assert "submit refuses" in found["contract"].text

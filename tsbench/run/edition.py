@@ -84,7 +84,7 @@ class Edition:
 
 @cache
 def editions() -> tuple[Edition, ...]:
-    """All editions, oldest first; the last one is what this tsbench runs."""
+    """All editions, oldest first; the last one is what this tsbench builds."""
     return _read(PATH)
 
 
@@ -130,9 +130,15 @@ def _mirrored_name(name: str) -> str:
     return f"{MIRRORED}{OWN_CITY}-{name}" if own else f"{MIRRORED}{name}"
 
 
+def in_force() -> Edition:
+    """The edition of the data in use: that of its test split's scenes, the last one where there are none."""
+    name = scene_editions().get("test")
+    return next((edition for edition in editions() if edition.name == name), editions()[-1])
+
+
 def edition_now() -> str:
     """The edition that is run here: `2026.2`, of another city `north-bayreuth-2026.2`."""
-    city, name = city_in_use(), editions()[-1].name
+    city, name = city_in_use(), in_force().name
     return name if city == OWN_CITY else f"{city}-{name}"
 
 
@@ -154,15 +160,15 @@ def contract_now(split: str) -> str:
 
 
 def earlier_splits(root: Path | None = None) -> dict[str, str]:
-    """The splits whose scenes are still of an earlier edition, and which: they belong to none that is run here."""
-    return {split: name for split, name in scene_editions(root).items() if name != editions()[-1].name}
+    """The splits whose scenes are of an earlier edition than that in force, and which: none that is run here."""
+    names = [edition.name for edition in editions()]
+    older = names[: names.index(in_force().name)]
+    return {split: name for split, name in scene_editions(root).items() if name in older}
 
 
 def release_city(title: str) -> Mapping[str, str]:
     """Write the contracts of the city in use down, with this tsbench and what was built; returns them by split."""
     now = {split: contract_now(split) for split in splits_there()}
-    scenes = dict.fromkeys(now, editions()[-1].name)
-    write_atomic(dataset_root() / "scenarios" / "editions.yaml", yaml.safe_dump(scenes).encode())
     path = dataset_root() / _OF_CITY
     (before,) = _read(path) if path.is_file() else (None,)
     if before is None or before.name != edition_now():
@@ -173,20 +179,34 @@ def release_city(title: str) -> Mapping[str, str]:
 
 
 def release() -> Mapping[str, str]:
-    """Write the contracts of this tsbench down as those of its version; returns them by split."""
-    *older, last = editions()
+    """Write the contracts of this tsbench down as those of its version, in their scenes' editions.
+
+    Returns: contract by split.
+    """
     now = {split: contract_now(split) for split in splits_there() if split not in earlier_splits()}
-    released = {**last.released, tsbench.__version__: now}
-    _write((*older, replace(last, released=released, earlier=_still_the_same(last, now))), PATH)
+    scenes, last = scene_editions(), editions()[-1].name
+    _write(
+        [_entered(e, {s: c for s, c in now.items() if scenes.get(s, last) == e.name}) for e in editions()],
+        PATH,
+    )
     return now
+
+
+def _entered(before: Edition, now: Mapping[str, str]) -> Edition:
+    """The edition with contracts of this version; those that it has for other splits stay."""
+    if not now:
+        return before
+    known = before.released.get(tsbench.__version__, {})
+    released = {**before.released, tsbench.__version__: {**known, **now}}
+    return replace(before, released=released, earlier=_still_the_same(before, now))
 
 
 def _still_the_same(before: Edition, now: Mapping[str, str]) -> dict[str, Sequence[str]]:
     """Earlier contracts, but of splits whose contract has changed: another one has other results."""
     if before.scoring not in (None, SCORING):
         return dict(before.earlier)
-    kept = {split for split, contract in before.now().items() if now.get(split) == contract}
-    return {split: known for split, known in before.earlier.items() if split in kept}
+    changed = {split for split, contract in now.items() if before.now().get(split) != contract}
+    return {split: known for split, known in before.earlier.items() if split not in changed}
 
 
 def _write(all_of_them: Sequence[Edition], path: Path) -> None:
@@ -202,9 +222,8 @@ def _plain(edition: Edition) -> dict[str, object]:
 
 def shipped_titles() -> dict[str, str]:
     """Cities that are released with tsbench and are here, with the titles of their editions."""
-    named = {edition.name: edition.title for edition in built_editions()}
-    cities = {city: f"{city}-{editions()[-1].name}" for city in SHIPPED_CITIES}
-    return {city: named[name] for city, name in cities.items() if name in named}
+    titles = {edition.name.rpartition("-")[0]: edition.title for edition in built_editions()}
+    return {city: titles[city] for city in SHIPPED_CITIES if city in titles}
 
 
 def release_all() -> Mapping[str, Mapping[str, str]]:

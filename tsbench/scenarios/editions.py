@@ -5,10 +5,14 @@ A split that is not rebuilt yet stays what it was: scenes of an earlier edition,
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
+import yaml
+
 from tsbench.core.errors import InputError
-from tsbench.core.paths import dataset_file
+from tsbench.core.files import write_atomic
+from tsbench.core.paths import dataset_file, dataset_root
 from tsbench.core.textfile import read_yaml
 from tsbench.scenarios.table import SPLITS
 
@@ -24,3 +28,8 @@ def scene_editions(root: Path | None = None) -> dict[str, str]:
     ):
         raise InputError(f"{path}: expected an edition in quotes for splits of {', '.join(SPLITS)}")
     return content
+
+
+def write_scene_editions(scenes: Mapping[str, str]) -> None:
+    """Write the edition of each split of the data in use down."""
+    write_atomic(dataset_root() / "scenarios" / "editions.yaml", yaml.safe_dump(dict(scenes)).encode())

@@ -14,9 +14,9 @@ from tsbench.signs.catalog import load_catalog
 from tsbench.signs.reading import read_file
 
 Place = Literal[
-    "line", "junction", "priority", "choice", "one_way_across", "obstacle", "several_lanes", "by_its_lane",
-    "kerb_lane", "contraflow", "mouth", "unentered", "begin", "road_speed", "not_before_yield", "crossing", "ring",
-    "alone",
+    "line", "junction", "priority", "choice", "shown", "open_road", "one_way_across", "obstacle", "several_lanes",
+    "by_its_lane", "kerb_lane", "contraflow", "mouth", "unentered", "entered", "begin", "road_speed",
+    "not_before_yield", "crossing", "ring", "alone",
 ]  # fmt: skip
 PLACES: tuple[Place, ...] = get_args(Place)
 
@@ -25,11 +25,13 @@ PLACES: tuple[Place, ...] = get_args(Place)
 class Distances:
     """Bounds of the places.
 
-    mouth_m: from the junction to a plate at its road's beginning. slack_m: of a plate at a line, a crossing or an
-    obstacle. ring_m: the longest ring. same_arm_deg: two carriageways of one arm point within this.
+    mouth_m: from the junction to a plate at its road's beginning. zone_m: from a begin to its end at least.
+    slack_m: of a plate at a line, a crossing or an obstacle. ring_m: the longest ring. same_arm_deg: two carriageways
+    of one arm point within this.
     """
 
     mouth_m: float
+    zone_m: float
     slack_m: float
     ring_m: float
     same_arm_deg: float

@@ -13,8 +13,8 @@ from typing import TypedDict
 from tsbench.dataset.placements.placement import (
     Arrangement,
     SceneTask,
+    UnfitMapError,
     UnluckyDrawError,
-    require,
 )
 from tsbench.dataset.placements.posts import (
     TRIES,
@@ -163,8 +163,9 @@ def _with_same_limits(
     (a, end_a), (b, _) = ([(s.code, s.value) for s in half.signs] for half in (signed, contrast))
     signed, contrast = (replace(half, signs=half.signs[:1]) for half in (signed, contrast))
     edges = leading_to(task, signed)
-    posts = facing_ego(task, signed, edges, 2)
-    require(len(posts) == 2, "no room for another limit and an end")
+    posts = facing_ego(task, signed, edges)
+    if posts is None:
+        raise UnfitMapError("no room for another limit and an end")
     return _on_posts(signed, contrast, [(posts[0], end_a, a), (posts[1], b, end_a)])
 
 

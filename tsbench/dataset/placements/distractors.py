@@ -29,6 +29,8 @@ from tsbench.signs.catalog import ScenarioType, load_catalog
 
 # How often a limit that is over stands behind the ego, and not an end alone.
 _LIMITS_SHARE = 0.6
+# Traffic of other types is slower than its plate asks.
+_SLOWER = ("min_speed",)
 
 
 def distractors(
@@ -43,7 +45,9 @@ def distractors(
     """
     wanted, taken = task.variant.distractors, {s.code for s in arrangement.signs}
     kinds = [
-        kind for kind in load_catalog().types if kind.group != "priority" and taken.isdisjoint(kind.codes)
+        kind
+        for kind in load_catalog().types
+        if kind.group != "priority" and kind.id not in _SLOWER and taken.isdisjoint(kind.codes)
     ]
     edges = leading_to(task, arrangement)
     if not edges and task.row.family == "corridor":

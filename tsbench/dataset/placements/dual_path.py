@@ -33,7 +33,7 @@ from tsbench.dataset.placements.placement import (
 from tsbench.dataset.scenes.plate_places import PlacedPlates
 from tsbench.dataset.scenes.plate_roads import plate_roads
 from tsbench.dataset.scenes.recipe import Recipe
-from tsbench.geometry.angles import LEFT, RIGHT, SUMO_TURNS, TURNS, U_TURN
+from tsbench.geometry.angles import LEFT, RIGHT, SUMO_TURNS
 from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.roads.network import RoadNetwork
@@ -46,7 +46,6 @@ from tsbench.signs.plate_params import JunctionParams
 from tsbench.sim.scene import EgoStart
 
 # Codes of prohibitory plates begin so.
-_PROHIBITORY = "3."
 
 
 class ManoeuvrePlacement(ScenePlacement):
@@ -96,7 +95,6 @@ class ManoeuvrePlacement(ScenePlacement):
         compliant = graph.route(signed, target, banned, closed)
         require(compliant is not None, "no way round the prohibited manoeuvre")
         assert compliant is not None
-        self.check_exits(graph, signed, self.code)
         _check_turns(task.row, graph, short, compliant)
         options = [network.lanes[c.from_lane] for c in graph.connections(short[0], short[1])]
         lane = options[variant.layout % len(options)]
@@ -108,6 +106,9 @@ class ManoeuvrePlacement(ScenePlacement):
         require(room >= least, f"the destination edge is {goal:.0f} m long")
         end_s = variant.route_end(least, room)
         plates = self.plates(task, short, compliant)
+        scene = PlacedPlates(load_places(), plate_roads(network, graph), plates, (), ())
+        for _, why in scene.refused(plates[0]):
+            raise UnfitMapError(f"plate {self.code} {why}")
         banned |= self.banned(graph, short, self._allowed(self.other_code(task, short, compliant)))
         closed |= self.closed(graph, compliant) | self.empty(task, signed)
         avoided = _avoided(graph, (short, compliant), banned, closed)
@@ -166,33 +167,12 @@ class ManoeuvrePlacement(ScenePlacement):
             for code in self._family
             if wanted in self._allowed(code)
             and other not in self._allowed(code)
-            and not self._shown_in_vain(graph, approach, code)
             and not scene.refused(plate_beside(task.network, code, approach, at))
         ]
         require(bool(fit), f"no plate permits {wanted} and prohibits {other} here")
         common = set(self.allowed) & {graph.turn(approach, e) for e in roads.ways_on(approach)}
         sharing = [code for code in fit if common & set(self._allowed(code))] or fit
         return sharing[task.variant.plate % len(sharing)]
-
-    def check_exits(self, graph: LaneGraph, approach: str, code: str) -> None:
-        """Raise UnfitMapError where a plate shows an exit that is not there."""
-        missing = self._shown_in_vain(graph, approach, code)
-        require(not missing, f"plate {code} shows {' and '.join(missing)}, which is not there")
-
-    def _shown_in_vain(self, graph: LaneGraph, approach: str, code: str) -> list[str]:
-        """Manoeuvres on the plate for which there is no exit.
-
-        A prohibitory plate shows what it prohibits, 5.7.x where the one-way road goes, others what they allow.
-        """
-        there = {graph.turn(approach, exit_) for exit_ in graph.successors(approach)}
-        allowed = set(self._allowed(code))
-        if code.startswith(_PROHIBITORY):
-            shown = set(TURNS) - allowed
-        elif self.catalog.sign(code).rule.name == "one_way_exit":
-            shown = allowed & {LEFT, RIGHT}
-        else:
-            shown = allowed - {U_TURN}
-        return sorted(shown - there)
 
     def _allowed(self, code: str) -> Sequence[str]:
         return self.catalog.sign(code).rule.options.get("allowed", ())
@@ -264,9 +244,6 @@ class NoEntryPlacement(ManoeuvrePlacement):
         """3.1 on the other exit."""
         del task, short, compliant
         return self.code
-
-    def check_exits(self, graph: LaneGraph, approach: str, code: str) -> None:
-        """It stands on an exit."""
 
     def closed(self, graph: LaneGraph, way: Sequence[str]) -> frozenset[str]:
         """The signed edge."""

@@ -89,6 +89,10 @@ class GiveWayPlacement(ScenePlacement):
         row, network, graph, recipe, variant = task.row, task.network, task.graph, task.recipe, task.variant
         before = recipe.number("ego_before_line_m")
         arms = self._roles(row, before)
+        into = (arms.ego_in, *arms.prior_in, *arms.minor_in)
+        lanes = [len(passenger_lanes(network, edge)) for edge in into if edge in network.edges]
+        # In one half each road has priority over the other.
+        require(max(lanes) - min(lanes) <= 1, f"roads of {min(lanes)} and {max(lanes)} lanes each way cross")
         options = conflicts(network, graph, arms, recipe.number("slowest_turn_mps"))
         require(bool(options), "no path of the ego meets one that has priority")
         slow, latest = recipe.number("convoy_least_mps"), recipe.number("convoy_most_after_s")

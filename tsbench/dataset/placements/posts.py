@@ -16,10 +16,11 @@ from tsbench.dataset.placements.placement import (
     plate_beside,
 )
 from tsbench.dataset.scenes.driven_plates import broken_plates
-from tsbench.dataset.scenes.plate_places import PlacedPlates
+from tsbench.dataset.scenes.plate_places import CLOSING, PlacedPlates
 from tsbench.geometry.polyline import Polyline
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.places import load_places
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -41,6 +42,9 @@ def place_along(code: str, length: float, task: SceneTask) -> float:
         return length - float(task.rng.uniform(_AT_LINE_M, min(placement.distance_m[1], _CLEAR_M)))
     if placement.reference == "exit_start":
         return float(task.rng.uniform(*placement.distance_m))
+    table = load_places()
+    if "entered" in table.signs.get(code, ()):
+        return float(task.rng.uniform(_AT_LINE_M, table.distances.mouth_m))
     return float(task.rng.uniform(_CLEAR_M, length - _CLEAR_M))
 
 
@@ -48,7 +52,9 @@ def can_stand(plates: Sequence[tuple[SignInstance, ...]], halves: Sequence[Place
     """Can all of each half's plates stand in it, and does no vehicle break one?"""
     for more, half in zip(plates, halves, strict=True):
         scene = replace(half, plates=(*half.plates, *more))
-        if any(scene.refused(plate) for plate in more):
+        # A closed road bears on the plates of the roads that lead to it.
+        closing = any(plate.code in CLOSING for plate in more)
+        if any(scene.refused(plate) for plate in (scene.plates if closing else more)):
             return False
         if any(p in more for v in scene.vehicles for p, _ in broken_plates(scene, v)):
             return False
@@ -84,11 +90,13 @@ def behind_ego(task: SceneTask, arrangement: Arrangement, count: int) -> list[Si
 
 
 def facing_ego(
-    task: SceneTask, arrangement: Arrangement, edges: Sequence[str], count: int
-) -> list[SignInstance]:
-    """Up to `count` posts on one of the edges, in its direction, in sight all the way from the ego's start to its line,
-    apart from all others.
+    task: SceneTask, arrangement: Arrangement, edges: Sequence[str]
+) -> tuple[SignInstance, SignInstance] | None:
+    """Two posts on one of the edges, in its direction, for a begin and its end; None where there is no room.
+
+    Both are in sight all the way from the ego's start to its line, and apart from all others.
     """
+    least = load_places().distances.zone_m
     way = task.network.lane(arrangement.start.lane).line
     seen_from = [way.point_at(s) for s in (arrangement.start.s, way.length)]
     for edge in shuffled(edges, task):
@@ -100,10 +108,15 @@ def facing_ego(
             for p in posts
             if on_its_place(p, line) and all(math.dist(at, (p.x, p.y)) < SIGN_RANGE_M for at in seen_from)
         ]
-        found = _drawn(task, arrangement, near, count)
-        if len(found) == count:
-            return found
-    return []
+        free = [p for p in near if is_apart(p, arrangement.signs)]
+        pairs = [(a, b) for a in free for b in free if b.position_m - a.position_m >= least]
+        if pairs:
+            chosen = pairs[int(task.rng.integers(len(pairs)))]
+            first, second = (
+                bare_post(task, arrangement, p.edge, p.position_m, k) for k, p in enumerate(chosen)
+            )
+            return first, second
+    return None
 
 
 def _drawn(
@@ -133,7 +146,8 @@ def leading_to(task: SceneTask, arrangement: Arrangement) -> list[str]:
 
     # A corridor has no roads but its own two directions, a ring none but its arms.
     if task.row.family in ("corridor", "roundabout"):
-        return list(beside_ways(task, arrangement))
+        ring = task.row.fields.get("ring", ())
+        return [name for name in beside_ways(task, arrangement) if name not in ring]
     return [name for name in beside_ways(task, arrangement) if leads(name)]
 
 

@@ -29,6 +29,7 @@ from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.network import Connection, Lane, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
+from tsbench.signs.annotations import DISTRACTOR
 from tsbench.signs.plate_params import RoundaboutParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
@@ -85,14 +86,20 @@ class RoundaboutPlacement(ScenePlacement):
         met = _met(network, _taken(network, path, approach), upstream)
         require(bool(met), "no path on the ring meets the ego's and goes first")
         cars = ring_convoy(task, met, start, before)
-        plate_s = lane.line.length - recipe.number("plate_before_line_m")
+        others = [leg["edges"][-1] for leg in row.fields["entries"] if leg["edges"][-1] != approach]
         params = RoundaboutParams(approach, node, (upstream,), ring=tuple(ring))
-        sign = plate_beside(network, self._code, approach, plate_s, params)
-        others = tuple(leg["edges"][-1] for leg in row.fields["entries"])
+        before_m = recipe.number("plate_before_line_m")
+        sign = plate_beside(network, self._code, approach, lane.line.length - before_m, params)
+        # A ring is signed at every entry.
+        lengths = {e: network.edge_lanes(e)[0].line.length for e in others if e in network.edges}
+        more = [
+            plate_beside(network, self._code, e, max(length - before_m, 0.0), number=k + 1, role=DISTRACTOR)
+            for k, (e, length) in enumerate(lengths.items())
+        ]
         return Arrangement(
-            signs=(sign,), target=sign.id, start=start, destination=destination, route_hint=route,
+            signs=(sign, *more), target=sign.id, start=start, destination=destination, route_hint=route,
             route_length=round_m + end_s, convoy=cars, quiet_edges=frozenset(cars.edges[:-1]),
-            platoons=frozenset(e for e in others if e != approach),
+            platoons=frozenset(others),
             blocked=keep_clear(passenger_lanes(network, approach), start),
         )  # fmt: skip
 

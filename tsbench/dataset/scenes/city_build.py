@@ -15,7 +15,8 @@ from tsbench.dataset.scenes.build import BuildRequest, Progress, TypeReport, bui
 from tsbench.dataset.scenes.carried import carried
 from tsbench.dataset.scenes.overview import build_report
 from tsbench.dataset.scenes.recipe import Recipe, load_recipe, recipe_types
-from tsbench.run.edition import release_city
+from tsbench.run.edition import editions, release_city
+from tsbench.scenarios.editions import write_scene_editions
 from tsbench.scenarios.map_pool import read_pool
 from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
@@ -49,6 +50,7 @@ def build_city(
             f"{city.name}: its {len(read_pool(pool)):,} maps carry no scenario: {next(iter(why))}"
             f"{f', and {len(why) - 1} more reasons' if len(why) > 1 else ''} (tsbench city show {city.name})"
         )
+    write_scene_editions(dict.fromkeys(splits_there(), editions()[-1].name))
     release_city(city.title)
     write_ground(osm)
     return reports

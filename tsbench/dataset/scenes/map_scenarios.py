@@ -36,8 +36,6 @@ from tsbench.sim.scene import SceneFile
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
-# The edition whose rules draw these scenes. Splits of an earlier one (scenarios/editions.yaml) are not made by it.
-BUILDS = "2026.4"
 NET_NAMES = {SIGNED: "net.net.xml.gz", CONTRAST: "contrast.net.xml.gz"}
 _ENDS = {SIGNED: "", CONTRAST: "c"}
 

@@ -11,7 +11,7 @@ from types import MappingProxyType
 from tsbench.dataset.scenes.lint import PLATE_SIDE_M
 from tsbench.dataset.scenes.plate_roads import PlateRoads, WayOn
 from tsbench.dataset.scenes.scene_vehicles import RoutedVehicle
-from tsbench.geometry.angles import LEFT, RIGHT
+from tsbench.geometry.angles import LEFT, RIGHT, TURNS, U_TURN
 from tsbench.roads.reserved_lanes import is_reserved
 from tsbench.signs.annotations import TARGET, SignInstance
 from tsbench.signs.catalog import Sign, load_catalog
@@ -19,6 +19,9 @@ from tsbench.signs.places import Place, PlaceTable
 from tsbench.sim.scene import Obstacle
 from tsbench.sim.scene_file import EGO_ID
 
+CLOSING = ("3.1", "3.2")
+_FORBIDS_TURNS = "3.18."
+_NEVER_TOGETHER = {"min_speed": "reserved_lane", "reserved_lane": "min_speed"}
 _MINOR, _MAJOR = ("2.4", "2.5"), ("2.1", "2.3.1", "2.3.2", "2.3.3")
 
 
@@ -59,6 +62,10 @@ class PlateHere:
         """Does another plate stand farther on, before the next junction?"""
         on = other.edge in self.ahead.edges
         return on and (other.edge != self.plate.edge or other.position_m > self.plate.position_m)
+
+    def closing(self, edge: str) -> str:
+        """Code of the plate that closes an edge at its mouth, "" where none does."""
+        return next((p.code for p in self.scene.plates if p.edge == edge and p.code in CLOSING), "")
 
     def is_at_target(self, rule: str) -> bool:
         """Does the plate regulate the junction of the target, whose rule has this name?"""
@@ -119,6 +126,29 @@ def _choice(here: PlateHere) -> str:
     if not any(turn in here.sign.rule.options["allowed"] for turn in turns):
         return "permits no way on"
     return ""
+
+
+def _shown(here: PlateHere) -> str:
+    if not here.ahead.junction:
+        return ""
+    approach, allowed = here.ahead.edges[-1], set(here.sign.rule.options["allowed"])
+    there = {here.scene.roads.graph.turn(approach, e) for e in here.scene.roads.ways_on(approach)}
+    shown = set(TURNS) - allowed if here.plate.code.startswith(_FORBIDS_TURNS) else allowed
+    missing = sorted(shown - there - {U_TURN})
+    return f"shows {' and '.join(missing)}, which is not there" if missing else ""
+
+
+def _open_road(here: PlateHere) -> str:
+    plate, roads = here.plate, here.scene.roads
+    for edge in roads.back(edge=plate.edge, s=plate.position_m).edges:
+        if code := here.closing(edge):
+            return f"{code} closes its road"
+    allowed = here.sign.rule.options.get("allowed")
+    if allowed is None or not here.ahead.junction:
+        return ""
+    approach = here.ahead.edges[-1]
+    permitted = [e for e in roads.ways_on(approach) if roads.graph.turn(approach, e) in allowed]
+    return "permits no way but closed ones" if permitted and all(map(here.closing, permitted)) else ""
 
 
 def _one_way_across(here: PlateHere) -> str:
@@ -188,14 +218,25 @@ def _unentered(here: PlateHere) -> str:
     plate = here.plate
     others = (v for v in here.scene.vehicles if v.id != EGO_ID or plate.role != TARGET)
     past = [v.id for v in others if v.passes(edge=plate.edge, s=plate.position_m)]
-    return f"{past[0]} drives past it" if past else ""
+    if past:
+        return f"{past[0]} drives past it"
+    behind = [p.code for p in here.scene.plates if plate.role != TARGET and here.is_before(p)]
+    return f"{behind[0]} stands on the road that it closes" if behind else ""
+
+
+def _entered(here: PlateHere) -> str:
+    rule = here.sign.rule.name
+    targets = (load_catalog().sign(p.code) for p in here.scene.plates if p.role == TARGET)
+    return "" if any(sign.rule.name == rule for sign in targets) else _mouth(here)
 
 
 def _begin(here: PlateHere) -> str:
     begin, plate = here.sign.ends or "", here.plate
     behind = here.scene.roads.back(edge=plate.edge, s=plate.position_m)
+    distance = 0.0
     for name in behind.edges:
         before = plate.position_m if name == plate.edge else math.inf
+        distance += min(before, here.scene.roads.length(name))
         there = [
             p
             for p in here.scene.plates
@@ -205,7 +246,14 @@ def _begin(here: PlateHere) -> str:
             last = max(there, key=lambda p: p.position_m)
             if last.code == plate.code:
                 return "another end stands before it"
-            return "" if last.value == plate.value else f"the {begin} before it sets {last.value or 0:g} km/h"
+            if last.value != plate.value:
+                return f"the {begin} before it sets {last.value or 0:g} km/h"
+            long = distance - last.position_m
+            return (
+                ""
+                if long >= here.scene.table.distances.zone_m
+                else f"the {begin} stands {long:.0f} m before it"
+            )
     if any(p.code == begin and p.value == plate.value and here.is_before(p) for p in here.scene.plates):
         return f"its {begin} stands behind it"
     if behind.junction and load_catalog().sign(begin).rule.ends_at_junction:
@@ -246,7 +294,9 @@ def _ring(here: PlateHere) -> str:
 def _alone(here: PlateHere) -> str:
     for plate in here.scene.plates:
         other = PlateHere(here.scene, plate)
-        if plate.id == here.plate.id or other.sign.is_end or other.sign.rule.name != here.sign.rule.name:
+        rule = other.sign.rule.name
+        alike = rule in (here.sign.rule.name, _NEVER_TOGETHER.get(here.sign.rule.name))
+        if plate.id == here.plate.id or other.sign.is_end or not alike:
             continue
         for first, second in ((here, other), (other, here)):
             if first.is_before(second.plate) and not _is_over(first, second.plate):
@@ -266,6 +316,8 @@ _TESTS: Mapping[Place, Callable[[PlateHere], str]] = MappingProxyType(
         "junction": _junction,
         "priority": _priority,
         "choice": _choice,
+        "shown": _shown,
+        "open_road": _open_road,
         "one_way_across": _one_way_across,
         "obstacle": _obstacle,
         "several_lanes": _several_lanes,
@@ -274,6 +326,7 @@ _TESTS: Mapping[Place, Callable[[PlateHere], str]] = MappingProxyType(
         "contraflow": _contraflow,
         "mouth": _mouth,
         "unentered": _unentered,
+        "entered": _entered,
         "begin": _begin,
         "road_speed": _road_speed,
         "not_before_yield": _not_before_yield,
