@@ -11,6 +11,7 @@ from pathlib import Path
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.experts.rules.constraint import RuleConstraint
 from tsbench.planners.floor.blind import Blind
+from tsbench.planners.helpers import identified
 
 # A code and what it posts, km/h (None: nothing).
 Plate = tuple[str, float | None]
@@ -19,7 +20,7 @@ Plate = tuple[str, float | None]
 class Codes(Blind):
     """`blind` where the plates in sight stand more often in signed halves, `idm` where in contrast halves.
 
-    It asks only which codes and values are there, not for which lane, arm, direction or way they hold.
+    It asks only which codes and values are told, by outlines too, not for which lane, arm, direction or way they hold.
     obeys: what it made of them, None as long as no plate is in sight.
     """
 
@@ -33,7 +34,7 @@ class Codes(Blind):
 
     def act(self, observation: Observation) -> Control:
         """The command of the driver that the first plates in sight call for."""
-        plates = [(s.code, s.value) for s in observation.signs if s.code]
+        plates = [(s.code, s.value) for s in map(identified, observation.signs) if s.code]
         if self.obeys is None and plates:
             self.obeys = signed_odds(plates, counts()) > 0.0
             if not self.obeys:
