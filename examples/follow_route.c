@@ -106,7 +106,7 @@ static void connect_line(const char *place) {
 
 int main(void) {
     if (getenv("TSBENCH_LINE")) connect_line(getenv("TSBENCH_LINE"));
-    const char facts[] = "{\"protocol\": 2, \"name\": \"follow_route\", \"sign_access\": false}";
+    const char facts[] = "{\"protocol\": 3, \"name\": \"follow_route\", \"sign_access\": false}";
     unsigned char hello[16 + 96] = {sizeof facts - 1}; /* its count, and zeros behind both */
     uint32_t head[2];
     memcpy(hello + 16, facts, sizeof facts - 1);

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from tsbench.planners.geometry import route_lanes as route_lanes
     from tsbench.planners.geometry import route_line as route_line
     from tsbench.planners.helpers import RoadAhead as RoadAhead
+    from tsbench.planners.helpers import identified as identified
     from tsbench.planners.helpers import sign_ahead as sign_ahead
     from tsbench.planners.sign_lines import line_ahead as line_ahead
 
@@ -57,6 +58,7 @@ _PUBLIC = {
     "pursue_route": "tsbench.planners.common.pure_pursuit",
     "route_lanes": "tsbench.planners.geometry",
     "route_line": "tsbench.planners.geometry",
+    "identified": "tsbench.planners.helpers",
     "sign_ahead": "tsbench.planners.helpers",
 }
 __all__ = ["__version__", *_PUBLIC]

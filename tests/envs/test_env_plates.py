@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from dataclasses import replace
 from typing import Any
@@ -11,9 +12,11 @@ import pytest
 
 from tsbench.envs.drive import DriveEnv
 from tsbench.envs.encoders import KINDS
+from tsbench.envs.objects import SIGNS, ObjectsSeen
 from tsbench.envs.plates import ADDRESSED, AddressedLanes
-from tsbench.envs.scene import FAR_M, SceneSeen
+from tsbench.envs.scene import FAR_M, PLATE, SceneSeen
 from tsbench.planners.base import SignView
+from tsbench.signs.model import OUTLINES
 
 
 def shown(plate: SignView) -> tuple[object, ...]:
@@ -103,3 +106,26 @@ def test_plates_on_the_way_come_first() -> None:
     rows = seen.encode(replace(turn.observation, signs=(*elsewhere, *own)))["plates"]
     away = np.hypot(rows[:, 0], rows[:, 1]) * FAR_M
     assert away.tolist() == pytest.approx([30.0, 60.0, *range(6)], abs=1e-3)
+
+
+def test_outlines_and_main_roads_are_in_the_tables() -> None:
+    env = DriveEnv(split="dev", types="main_road", half="signed")
+    env.reset(options={"scenario": min(env._by_id)})
+    turn, scene, objects = env.turn, SceneSeen(), ObjectsSeen()
+    env.close()
+    front = replace(
+        turn.observation.signs[0], code="2.1", outline="diamond", main_road=(-math.pi / 2, math.pi)
+    )
+    want = {"main_cos_1": 0.0, "main_sin_1": -1.0, "main_cos_2": -1.0, "main_sin_2": 0.0}
+    for plate, main in ((front, want), (front.from_behind(), dict.fromkeys(want, 0.0))):
+        o = replace(turn.observation, signs=(plate,))
+        for seen in (scene, objects):
+            seen.reset(turn.context)
+        row = scene.encode(o)["plates"][0]
+        told = dict(zip(PLATE, row[4:].tolist(), strict=False))
+        assert {name: told[name] for name in want} == pytest.approx(main, abs=1e-6)
+        assert [name for name in OUTLINES if told[name]] == ["diamond"]
+        other = dict(zip(SIGNS, objects.encode(o)["signs"][0].tolist(), strict=True))
+        assert {name: other[name] for name in want} == pytest.approx(main, abs=1e-6)
+        assert OUTLINES[int(other["outline"]) - 1] == "diamond"
+        assert (other["code"] > 0.0) is bool(plate.code)

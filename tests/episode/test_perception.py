@@ -20,11 +20,13 @@ from tsbench.core.textfile import dataclass_from_json
 from tsbench.episode.perception import (
     FALSE,
     MISREAD,
+    OUTLINE,
     POST,
     RIGHT,
     Plate,
     SignDetection,
     SignDetector,
+    faces,
     in_sight,
 )
 from tsbench.episode.perception_level import Perception, PerceptionLevel, load_level
@@ -148,7 +150,8 @@ def test_geometry() -> None:
         at = math.radians(angle)
         assert in_sight(here, plate(20 * math.cos(at), 20 * math.sin(at), at).view, []) is seen
     for turned, seen in ((74.0, True), (76.0, False), (180.0, False)):
-        assert in_sight(here, plate(30.0, 0.0, math.radians(turned)).view, []) is seen
+        assert faces(here, plate(30.0, 0.0, math.radians(turned)).view) is seen
+    assert not faces(here, plate(100.1, 0.0).view)
 
 
 @pytest.mark.parametrize(
@@ -166,6 +169,31 @@ def test_only_what_is_high_hides_a_plate(kind: ActorKind, length: float, hidden:
     assert (told == []) is hidden
     # Past the vehicle it is there to see.
     assert drive(of, "pair", plate(60.0), metres=55.0, others=parked(kind, length))
+
+
+def test_a_plate_from_behind_is_an_outline_and_never_misread() -> None:
+    of, n = level("poor", false_per_km=0.0), 1_000
+    stop = plate(60.0, heading=math.pi, code="2.5")
+    stop = replace(stop, view=replace(stop.view, outline="octagon"))
+    told = [drive(of, f"pair {k}", stop, metres=58.0) for k in range(n)]
+    assert {(t.kind, t.code, t.outline) for one in told for t in one} == {(OUTLINE, "", "octagon")}
+    assert {len(one) for one in told} == {0, 1}
+    # As often as its face would be read; on its edge nothing is seen.
+    assert agrees(sum(map(len, told)), n, of.right)
+    assert drive(of, "pair", replace(stop, view=replace(stop.view, heading=math.pi / 2)), metres=30.0) == []
+
+
+def test_a_face_tells_more_than_a_back_did() -> None:
+    of = level("good", right=1.0, ceiling=1.0, false_per_km=0.0)
+    stop = plate(30.0, 0.0, math.pi, "2.5")
+    eyes = SignDetector(of, "pair", [replace(stop, view=replace(stop.view, outline="octagon"))], a_map())
+    kinds = []
+    for step in range(12):
+        here = ego(0.0) if step < 6 else replace(ego(60.0), heading=math.pi)
+        shown = eyes.look(WorldSnapshot(step, step * DT_S, here, nobody()), here)
+        kinds += [(one.code, one.outline) for one in shown][:1]
+    assert list(dict.fromkeys(kinds)) == [("", "octagon"), ("2.5", "octagon")]
+    assert [t.kind for t in eyes.told] == [OUTLINE, RIGHT]
 
 
 @pytest.mark.parametrize(

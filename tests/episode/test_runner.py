@@ -279,7 +279,8 @@ def test_masked_signs_keep_their_place_only(root: Path, on_road) -> None:
     hidden = {s for o in scripted.Scripted.seen for s in ((x.code, x.value) for x in o.signs)}
     assert hidden == {("", None)}
     first = scripted.Scripted.seen[0].signs[0]
-    assert repr(first) == repr(replace(plain, code="", value=None, edge="", lane=-1, position_m=math.nan))
+    left = replace(plain, code="", value=None, edge="", lane=-1, position_m=math.nan, outline="")
+    assert repr(first) == repr(left)
     # The judge is not masked.
     assert bare.facts is not None
     assert masked.facts is not None

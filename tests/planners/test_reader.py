@@ -34,3 +34,10 @@ def test_who_reads_passes_both_halves_and_who_does_not_never_both() -> None:
         assert passed(planner, 1.0) == [True, True]
     assert passed(READER, 0.0) == [False, True]
     assert passed(CAREFUL, 0.0) != [True, True]
+
+
+def test_the_backs_of_the_other_arms_plates_are_read() -> None:
+    """At `secondary_road` the ego has no plate, and sees those of the road that it crosses from behind."""
+    assert passed(READER, None, "secondary_road") == [True, True]
+    assert passed(READER, 1.0, "secondary_road") == [True, True]
+    assert passed(READER, 0.0, "secondary_road") == [False, True]

@@ -3,11 +3,13 @@
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tsbench.core.errors import InputError
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog, load_catalog
+from tsbench.signs.plates import plate_rgba
 
 Edit = Callable[[str, str, str], Path]
 
@@ -44,6 +46,32 @@ def test_values(catalog: Catalog) -> None:
     for code, value in (("3.24", None), ("3.24", 35.0), ("2.4", 20.0), ("5.21", 30.0)):
         with pytest.raises(ValueError, match=code):
             catalog.sign(code).effective_value(value)
+
+
+@pytest.mark.parametrize("code", load_catalog().signs)
+def test_the_outline_of_each_sign_is_that_of_its_drawing(catalog: Catalog, code: str) -> None:
+    sign = catalog.sign(code)
+    value = sign.value.allowed[0] if sign.value and sign.value.printed else None
+    there = plate_rgba(code, value, 200)[..., 3] > 128
+    rows, columns = (np.flatnonzero(there.any(axis=axis)) for axis in (1, 0))
+    box = there[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    # Shares of the bounding box: of all of it, and of its edges at the top and at the bottom.
+    filled, top, bottom = box.mean(), box[2].mean(), box[-3].mean()
+    found = (
+        ("rectangle" if filled > 0.9 else "octagon" if filled > 0.81 else "circle")
+        if filled > 0.7
+        else "triangle" if bottom > 0.6 else "inverted_triangle" if top > 0.6 else "diamond"
+    )  # fmt: skip
+    assert sign.outline == found
+
+
+def test_what_outlines_alone_say(catalog: Catalog) -> None:
+    said = {"diamond": "2.1", "triangle": "2.3.1", "inverted_triangle": "2.4", "octagon": "2.5"}
+    assert catalog.code_of_outline == said
+    others = [sign for sign in catalog.signs.values() if sign.outline == "triangle"]
+    assert {sign.code for sign in others} == {"2.3.1", "2.3.2", "2.3.3"}
+    # They ask the same: from behind it does not matter which of them it is.
+    assert all(sign.rule == others[0].rule for sign in others)
 
 
 def test_sentences_name_sign_time_and_measure(catalog: Catalog) -> None:

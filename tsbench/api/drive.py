@@ -207,7 +207,8 @@ def _told(seen: Observation, context: PlannerContext) -> Iterator[str]:
         value = "" if sign.value is None else f" {sign.value:g}"
         ahead = sign_ahead(seen, sign)
         where = f"{ahead:.1f} m ahead" if math.isfinite(ahead) else "not on its way"
-        yield f"plate {sign.code or '(masked)'}{value}: {where}, {sign.distance:.1f} m off, at {sign.edge or 'no road'}"
+        what = sign.code or (f"seen from behind ({sign.outline})" if sign.outline else "(masked)")
+        yield f"plate {what}{value}: {where}, {sign.distance:.1f} m off, at {sign.edge or 'no road'}"
     for obstacle in seen.obstacles:
         yield f"obstacle {obstacle.id}: {math.hypot(obstacle.x - ego.x, obstacle.y - ego.y):.1f} m off"
     off = [math.hypot(x - ego.x, y - ego.y) for x, y, _ in seen.actors.pose.tolist()]

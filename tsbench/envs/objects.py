@@ -14,9 +14,10 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
-from tsbench.envs.plates import ADDRESSED, AddressedLanes
+from tsbench.envs.plates import ADDRESSED, MAIN_ROAD, AddressedLanes, main_road
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.model import OUTLINES
 
 Table = npt.NDArray[np.float32]
 
@@ -24,7 +25,7 @@ EGO = ("speed", "acceleration", "steering", "yaw_rate", "offset", "remaining", "
 ROUTE = ("forward", "left")
 ACTORS = ("there", "forward", "left", "cos", "sin", "speed", "length", "width", "kind")
 OBSTACLES = ("there", "forward", "left", "cos", "sin", "length", "width")
-SIGNS = ("there", "forward", "left", "cos", "sin", "code", "value", *ADDRESSED)
+SIGNS = ("there", "forward", "left", "cos", "sin", "code", "value", *ADDRESSED, "outline", *MAIN_ROAD)
 ROWS = {"route": 20, "actors": 30, "obstacles": 8, "signs": 8}
 
 _FAR_M = 1000.0
@@ -32,10 +33,14 @@ _REACH = 1.0e4
 
 
 class ObjectsSeen:
-    """A dictionary of tables. `code` counts the catalogue's signs from 1 in the order of their codes; 0 = masked."""
+    """A dictionary of tables. `code` counts the catalogue's signs from 1 in the order of their codes; 0 = not told.
+
+    `outline` counts `OUTLINES` from 1; 0 = not told.
+    """
 
     def __init__(self) -> None:
         self._codes = {code: k + 1 for k, code in enumerate(sorted(load_catalog().signs))}
+        self._outlines = {outline: k + 1 for k, outline in enumerate(OUTLINES)}
         self._addressed = AddressedLanes()
         columns = {"route": ROUTE, "actors": ACTORS, "obstacles": OBSTACLES, "signs": SIGNS}
         shapes: dict[str, tuple[int, ...]] = {name: (ROWS[name], len(columns[name])) for name in columns}
@@ -51,7 +56,7 @@ class ObjectsSeen:
         self._addressed.reset(context)
 
     def encode(self, observation: Observation) -> Any:
-        """ego (7,), route (20, 2) each metre from 1 m on, actors (30, 9), obstacles (8, 7), signs (8, 10)."""
+        """ego (7,), route (20, 2) each metre from 1 m on, actors (30, 9), obstacles (8, 7), signs (8, 15)."""
         o, ego = observation, observation.ego
         c, s = math.cos(ego.heading), math.sin(ego.heading)
 
@@ -78,7 +83,10 @@ class ObjectsSeen:
             "signs": _table(
                 "signs", len(SIGNS),
                 (
-                    (1.0, *place(p.x, p.y, p.heading), float(self._codes.get(p.code, 0)), p.value or 0.0, *whose)
+                    (
+                        1.0, *place(p.x, p.y, p.heading), float(self._codes.get(p.code, 0)), p.value or 0.0, *whose,
+                        float(self._outlines.get(p.outline, 0)), *main_road(p),
+                    )
                     for p, whose in zip(o.signs, self._addressed(o), strict=True)
                 ),
             ),

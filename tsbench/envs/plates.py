@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
-from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.base import Observation, PlannerContext, SignView
 
 # one_lane: 1 where it addresses one lane, and not all of its edge. lanes_left: by how many lanes that lane lies to the
 # left of the ego's, counted from the kerb on, 0 without one. on_route: 1 where its edge is on the navigation's way.
 ADDRESSED = ("one_lane", "lanes_left", "on_route")
+# The two directions of the plate 8.13, against the approach's own; zeros where none hangs there.
+MAIN_ROAD = ("main_cos_1", "main_sin_1", "main_cos_2", "main_sin_2")
 
 
 class AddressedLanes:
@@ -31,3 +35,10 @@ class AddressedLanes:
             for p in o.signs
         ]
         return np.array(rows).reshape(-1, len(ADDRESSED))
+
+
+def main_road(plate: SignView) -> tuple[float, ...]:
+    """As `MAIN_ROAD`."""
+    if not plate.main_road:
+        return (0.0,) * len(MAIN_ROAD)
+    return tuple(part(angle) for angle in plate.main_road for part in (math.cos, math.sin))

@@ -16,11 +16,12 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from tsbench.core.errors import InputError
-from tsbench.envs.plates import ADDRESSED, AddressedLanes
+from tsbench.envs.plates import ADDRESSED, MAIN_ROAD, AddressedLanes, main_road
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.roads.lane_graph import MapGraph
 from tsbench.roads.shortest_ways import shortest_ways
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.model import OUTLINES
 from tsbench.sim.ego import MAX_STEER_RAD
 from tsbench.sim.world import ActorKind
 
@@ -31,8 +32,9 @@ FAR_M, SPEED_MPS, LIMIT_KMH, LENGTH_M, WIDTH_M, WAY_M, LANES = 100.0, 30.0, 130.
 ROWS = {"plates": 8, "lanes": 64, "actors": 24, "obstacles": 8}
 EGO = ("speed", "acceleration", "steering", "yaw_rate", "offset", "remaining", "limit")
 # Of a plate, behind its pose and before the one-hot code; `lanes_left` over `LANES`.
-PLATE = ("has_value", "value", *ADDRESSED)
+PLATE = ("has_value", "value", *ADDRESSED, *MAIN_ROAD, *OUTLINES)
 _ON_ROUTE = 4 + PLATE.index("on_route")
+_MAIN_ROAD = PLATE.index(MAIN_ROAD[0])
 # Of a piece of a lane, behind its points.
 LANE = ("width", "speed", "junction", "on_route", "leads", "way")
 POINTS, ROUTE = 8, 20
@@ -40,7 +42,7 @@ _PIECE_M, _ROUTE_STEP_M, _YAW_RADPS, _ACCEL_MPS2 = 40.0, 2.5, 1.0, 10.0
 
 
 class SceneSeen:
-    """A dictionary of tables; `codes` are the catalogue's signs in the order of the one-hot columns, then masked.
+    """A dictionary of tables; `codes` are the catalogue's signs in the order of the one-hot columns, then not told.
 
     lanes: with roads; without them it is `plates`.
     """
@@ -132,10 +134,13 @@ class SceneSeen:
 
     def _identity(self, o: Observation) -> Floats:
         rows = np.zeros((len(o.signs), len(PLATE) + len(self.codes)))
-        rows[:, 2 : len(PLATE)] = self._addressed(o) / (1.0, LANES, 1.0)
+        rows[:, 2 : 2 + len(ADDRESSED)] = self._addressed(o) / (1.0, LANES, 1.0)
         for k, plate in enumerate(o.signs):
             if plate.value is not None:
                 rows[k, :2] = 1.0, plate.value / LIMIT_KMH
+            rows[k, _MAIN_ROAD : _MAIN_ROAD + len(MAIN_ROAD)] = main_road(plate)
+            if plate.outline:
+                rows[k, PLATE.index(plate.outline)] = 1.0
             if plate.code not in self._column:
                 raise InputError(
                     f"plate {plate.code!r}: not in the catalogue, so `scene` has no column for it"

@@ -58,7 +58,7 @@ class View:
             x, y = (int(v) for v in self._pixels(np.array(((plate.x, plate.y),)))[0])
             cv2.circle(picture, (x, y), 5, _PLATE, -1, cv2.LINE_AA)
             value = "" if plate.value is None else f" {plate.value:g}"
-            self._text(picture, f"{plate.code or '?'}{value}", (x + 8, y + 4))
+            self._text(picture, f"{plate.code or plate.outline or '?'}{value}", (x + 8, y + 4))
         self._text(picture, f"{o.time:.1f} s  {3.6 * o.ego.speed:.0f} km/h", (10, 20))
         return picture
 

@@ -8,13 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from tsbench.core.benchmark import OBSTACLE_RANGE_M, SIGN_RANGE_M
-from tsbench.episode.perception import Plate, SignDetection, SignDetector
+from tsbench.episode.perception import Plate, SignDetection, SignDetector, faces
 from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.episode.traffic_view import TrafficView
 from tsbench.planners.base import Observation, SignView
 from tsbench.roads.destination import Destination
 from tsbench.roads.planner_map import PlannerMap
 from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.main_road import main_roads
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EgoState, WorldSnapshot
@@ -33,9 +35,15 @@ class Observer:
         privileged: bool = False,
     ) -> None:  # fmt: skip
         self._view, self._privileged = view, privileged
-        seen = [_plate(view, scene, sign) for sign in scene.signs]
+        turning = main_roads(scene.network, scene.signs)
+        seen = [
+            _plate(view, scene, sign, turning[sign.id].told if sign.id in turning else ())
+            for sign in scene.signs
+        ]
         self._mask = perception.mask_signs
-        self._signs = [sign.masked() for sign in seen] if self._mask else seen
+        self._signs = [sign.masked() if self._mask else sign.from_behind() for sign in seen]
+        # By place in `_signs`: those that have not faced the ego yet.
+        self._unread = {} if self._mask else dict(enumerate(seen))
         self._eyes: SignDetector | None = None
         if perception.level is not None:
             plates = [Plate(sign.id, sign.role, at) for sign, at in zip(scene.signs, seen, strict=True)]
@@ -54,10 +62,12 @@ class Observer:
         history = self._history[max(k + 1 - HISTORY_TICKS, 0) : k + 1].copy()
         history.setflags(write=False)
         signs = []
-        for s in self._signs if self._eyes is None else self._perceived(self._eyes, snapshot, seen):
+        for s in self._exactly(ego) if self._eyes is None else self._perceived(self._eyes, snapshot, seen):
             distance = math.hypot(s.x - ego.x, s.y - ego.y)
             if distance <= SIGN_RANGE_M:
-                view = SignView(s.code, s.value, s.x, s.y, s.heading, s.edge, s.lane, s.position_m, distance)
+                view = SignView(
+                    s.code, s.value, s.x, s.y, s.heading, s.edge, s.lane, s.position_m, distance, s.outline, s.main_road
+                )  # fmt: skip
                 signs.append(view)
         if len(signs) > 1:
             signs.sort(key=_by_place)
@@ -68,6 +78,13 @@ class Observer:
             k, snapshot.time, seen, history, route, self._traffic_view.see(snapshot.actors, ego), tuple(signs),
             obstacles, snapshot if self._privileged else None,
         )  # fmt: skip
+
+    def _exactly(self, ego: EgoState) -> list[SignView]:
+        """All plates, those that have not faced the ego yet from behind; what is read once is known from then on."""
+        for k, plate in list(self._unread.items()):
+            if faces(ego, plate):
+                self._signs[k] = self._unread.pop(k)
+        return self._signs
 
     def _perceived(self, eyes: SignDetector, snapshot: WorldSnapshot, seen: EgoState) -> list[SignView]:
         known = eyes.look(snapshot, seen)
@@ -95,7 +112,7 @@ def destination_on_map(view: PlannerMap, scene: Scene) -> Destination:
     return Destination(*view.on_edge(scene.destination.edge, scene.destination.s))
 
 
-def _plate(view: PlannerMap, scene: Scene, sign: SignInstance) -> SignView:
+def _plate(view: PlannerMap, scene: Scene, sign: SignInstance, main_road: tuple[float, ...]) -> SignView:
     """A plate at no distance yet; one beside a road that is not on the map is on no edge."""
     edge, lane, s = "", -1, math.nan
     if sign.edge in view.edges:
@@ -103,7 +120,10 @@ def _plate(view: PlannerMap, scene: Scene, sign: SignInstance) -> SignView:
         if sign.lane >= 0:
             at = view.place(scene.network.edges[sign.edge].lanes[sign.lane], 0.0)[0]
             lane = view.map.lanes[at].order if at >= 0 else -1
-    return SignView(sign.code, sign.value, sign.x, sign.y, sign.heading, edge, lane, s, math.inf)
+    outline = load_catalog().sign(sign.code).outline
+    return SignView(
+        sign.code, sign.value, sign.x, sign.y, sign.heading, edge, lane, s, math.inf, outline, main_road
+    )
 
 
 def _lane_id(view: PlannerMap, lane: int) -> str:

@@ -24,7 +24,7 @@ from tsbench.sim.world import DT_S, ActorKind, Box, EgoState, WorldSnapshot
 
 T = TypeVar("T")
 
-RIGHT, MISREAD, FALSE, POST = "right", "misread", "false", "post"
+RIGHT, MISREAD, FALSE, POST, OUTLINE = "right", "misread", "false", "post", "outline"
 
 _FOCAL_PX, _PLATE_M = 1266.0, 0.7
 _HALF_FIELD = math.cos(math.radians(60.0))
@@ -39,8 +39,9 @@ _STRETCH_M, _FALSE_AHEAD_M, _FALSE_ASIDE_M = 10.0, 30.0, 4.0
 class SignDetection:
     """From this tick on a planner is told a plate: as what, and how far ahead of the ego it then is.
 
-    kind: RIGHT, MISREAD, FALSE, or POST (in sight, not read). sign, role: of the plate that stands there, "" for a
-    false one. x, y: where it is told to be. ahead_m: along the ego's heading. speed: the ego's.
+    kind: RIGHT, MISREAD, FALSE, POST (in sight, not read), or OUTLINE (seen from behind). sign, role: of the plate that
+    stands there, "" for a false one. x, y: where it is told to be. ahead_m: along the ego's heading. speed: the ego's.
+    outline: as told, "" for a post.
     """
 
     step: int
@@ -53,6 +54,7 @@ class SignDetection:
     y: float
     ahead_m: float
     speed: float
+    outline: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +70,7 @@ class _TrackedSign:
     """What becomes of one plate in one episode: the draws that it has for good, and how far it is."""
 
     def __init__(self, level: PerceptionLevel, pair: str, plate: Plate) -> None:
-        self.plate, self.seen, self.due = plate, False, -1
+        self.plate, self.seen, self.due, self.outline_due = plate, False, -1, -1
         self.shown: SignView | None = None
         self.name = (pair, f"{plate.view.x:.3f}", f"{plate.view.y:.3f}")
         latent, size = draw("latent", *self.name), draw("size", *self.name)
@@ -86,6 +88,7 @@ class _TrackedSign:
             self.told_as, x=view.x + shift * math.cos(view.heading), y=view.y + shift * math.sin(view.heading),
             position_m=view.position_m + shift if view.edge else view.position_m,
         )  # fmt: skip
+        self.behind = replace(self.told_as.from_behind(), outline=view.outline)
 
 
 class SignDetector:
@@ -107,12 +110,17 @@ class SignDetector:
         for one in self._watched:
             view = one.plate.view
             if one.due < 0 and in_sight(ego, view, high):
-                if not one.seen:
-                    one.seen = True
-                    if self._level.posts:
-                        self._tell(one, POST, view.masked(), ego, step)
-                if one.kind and one.due < 0 and self._reads(one, ego, step):
-                    one.due = step + self._latency
+                if faces(ego, view):
+                    if not one.seen:
+                        one.seen = True
+                        if self._level.posts and one.shown is None:
+                            self._tell(one, POST, view.masked(), ego, step)
+                    if one.kind and self._reads(one, ego, step):
+                        one.due = step + self._latency
+                elif one.kind and one.outline_due < 0 and self._reads_back(one, ego, step):
+                    one.outline_due = step + self._latency
+            if one.outline_due == step and not 0 <= one.due <= step:
+                self._tell(one, OUTLINE, one.behind, ego, step)
             if one.due == step:
                 self._tell(one, one.kind, one.told_as, ego, step)
         self._imagine(snapshot, seen)
@@ -123,13 +131,18 @@ class SignDetector:
         px = _FOCAL_PX * _PLATE_M / max(math.hypot(view.x - ego.x, view.y - ego.y), 1.0)
         return px > one.smallest_px and draw("look", *one.name, step) < self._sure
 
+    def _reads_back(self, one: _TrackedSign, ego: EgoState, step: int) -> bool:
+        return _turned(ego, one.plate.view) <= -_FACES and self._reads(one, ego, step)
+
     def _tell(self, one: _TrackedSign, kind: str, view: SignView, ego: EgoState, step: int) -> None:
         one.shown = view
         self._note(step, kind, one.plate.id, one.plate.role, view, ego)
 
     def _note(self, step: int, kind: str, sign: str, role: str, view: SignView, ego: EgoState) -> None:
         ahead = (view.x - ego.x) * math.cos(ego.heading) + (view.y - ego.y) * math.sin(ego.heading)
-        told = SignDetection(step, kind, sign, role, view.code, view.value, view.x, view.y, ahead, ego.speed)
+        told = SignDetection(
+            step, kind, sign, role, view.code, view.value, view.x, view.y, ahead, ego.speed, view.outline
+        )
         self.told.append(told)
 
     def _imagine(self, snapshot: WorldSnapshot, seen: EgoState) -> None:
@@ -159,7 +172,7 @@ class SignDetector:
         if seen.lane >= 0 and not self._map.lanes[seen.lane].internal:
             lane = self._map.lanes[seen.lane]
             edge, position = lane.edge, min(seen.s + _FALSE_AHEAD_M, lane.line.length)
-        return SignView(sign.code, value, x, y, ego.heading, edge, -1, position, math.inf)
+        return SignView(sign.code, value, x, y, ego.heading, edge, -1, position, math.inf, sign.outline)
 
 
 def draw(*names: object) -> float:
@@ -168,16 +181,26 @@ def draw(*names: object) -> float:
 
 
 def in_sight(ego: EgoState, plate: SignView, high: Sequence[Box]) -> bool:
-    """Geometry alone: in range and field of view, its face turned to the ego, nothing high between."""
+    """Geometry alone: in range and field of view, nothing high between."""
     dx, dy = plate.x - ego.x, plate.y - ego.y
     distance = math.hypot(dx, dy)
     if not 0.0 < distance <= SIGN_RANGE_M:
         return False
     if dx * math.cos(ego.heading) + dy * math.sin(ego.heading) < _HALF_FIELD * distance:
         return False
-    if dx * math.cos(plate.heading) + dy * math.sin(plate.heading) < _FACES * distance:
-        return False
     return not any(_cuts(box, ego.x, ego.y, plate.x, plate.y) for box in high)
+
+
+def faces(ego: EgoState, plate: SignView) -> bool:
+    """In range, with its face turned to the ego, wherever that looks."""
+    near = math.hypot(plate.x - ego.x, plate.y - ego.y) <= SIGN_RANGE_M
+    return near and _turned(ego, plate) >= _FACES
+
+
+def _turned(ego: EgoState, plate: SignView) -> float:
+    """Cosine between the line of sight and the plate: 1 is its face, 0 its edge, -1 its back."""
+    dx, dy = plate.x - ego.x, plate.y - ego.y
+    return (dx * math.cos(plate.heading) + dy * math.sin(plate.heading)) / max(math.hypot(dx, dy), 1e-9)
 
 
 def _high_boxes(snapshot: WorldSnapshot) -> list[Box]:
@@ -208,7 +231,8 @@ def _neighbour(level: PerceptionLevel, plate: SignView, luck: float) -> SignView
     """What this plate may be taken for; None where there is no such thing."""
     codes = _beside(level.codes, plate.code)
     if codes:
-        return replace(plate, code=_pick(codes, luck))
+        code = _pick(codes, luck)
+        return replace(plate, code=code, outline=load_catalog().sign(code).outline)
     posted = load_catalog().sign(plate.code).value if plate.value is not None else None
     if posted is None or plate.value is None or not posted.printed:
         return None

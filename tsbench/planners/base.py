@@ -56,9 +56,13 @@ class Trajectory:
 class SignView:
     """A sign as a planner sees it. With masked signs it is `masked`: an anonymous object.
 
-    code: of the catalogue. value: the number that it sets (km/h), None where it sets none. x, y: where the post stands.
-    heading: direction of travel of the traffic that it faces. edge, lane (order, -1 = all lanes) and position_m: whose
-    traffic it addresses, and how far along its edge it stands. distance: m from the ego's centre in a straight line.
+    code: of the catalogue, "" where the ego has seen its back only (`from_behind`). value: the number that it sets
+    (km/h), None where it sets none. x, y: where the post stands. heading: direction of travel of the traffic that it
+    faces. edge, lane (order, -1 = all lanes) and position_m: whose traffic it addresses, and how far along its edge it
+    stands. distance: m from the ego's centre in a straight line. outline: the plate's shape, from the front and from
+    behind: octagon, inverted_triangle, diamond, triangle, circle or rectangle. main_road: the plate 8.13 beneath it:
+    the two directions in which the main road leads from the junction, rad to the left of straight on, the approach
+    itself at pi; () where none hangs there.
     """
 
     code: str
@@ -70,10 +74,27 @@ class SignView:
     lane: int
     position_m: float
     distance: float
+    outline: str = ""
+    main_road: tuple[float, ...] = ()
 
     def masked(self) -> SignView:
         """What is left of it where identity is hidden: where it stands, and which way it faces."""
         return SignView("", None, self.x, self.y, self.heading, "", -1, math.nan, self.distance)
+
+    def from_behind(self) -> SignView:
+        """What is seen of it from behind: where it stands, which way it faces, and its outline."""
+        return SignView(
+            "",
+            None,
+            self.x,
+            self.y,
+            self.heading,
+            self.edge,
+            -1,
+            self.position_m,
+            self.distance,
+            self.outline,
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from tsbench.planners.base import Observation, SignView
 from tsbench.planners.common.speed_profile import PathSamples, speed_at, speed_profile
 from tsbench.planners.common.swept_path import HALF_LENGTH_M, moving_ahead, obstacle_ahead
 from tsbench.roads.lane_graph import RoutePath
+from tsbench.signs.catalog import load_catalog
 
 _BESIDE_M = 20.0
 
@@ -58,3 +60,13 @@ def sign_ahead(observation: Observation, sign: SignView) -> float:
     s, d = route.path.line.project(sign.x, sign.y)
     faces = math.cos(route.path.line.heading_at(s) - sign.heading) > 0.5
     return s - route.s - HALF_LENGTH_M if faces and abs(d) < _BESIDE_M else math.inf
+
+
+def identified(sign: SignView) -> SignView:
+    """The sign, with the code that its outline alone says where only its back is seen.
+
+    An octagon is 2.5, an inverted triangle 2.4, a diamond 2.1. A triangle is 2.3.1 to 2.3.3, which ask the same, and is
+    taken for 2.3.1. All others are given back as they are: their code stays "".
+    """
+    code = "" if sign.code or not sign.outline else load_catalog().code_of_outline.get(sign.outline, "")
+    return replace(sign, code=code) if code else sign

@@ -1,8 +1,9 @@
 """`reader` and `careful`: they obey what they are told of a plate, and only that. Units: m, s, m/s.
 
 An expert is told the rule; these are told it too (how to obey is no question here), but go by it only from the tick at
-which their eyes have read the plate, as what it was read. So perception decides: what is missed is not obeyed, what is
-misread is obeyed as that. They differ in what they do about a post that they have not read.
+which their eyes have read the plate, or its outline from behind, as what it was read. So perception decides: what is
+missed is not obeyed, what is misread is obeyed as that. They differ in what they do about a post that they have not
+read.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from tsbench.planners.base import Control, Observation, PlannerContext, Privileg
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.experts.rules.constraint import slow_to
 from tsbench.planners.floor.blind import Blind
-from tsbench.planners.helpers import sign_ahead
+from tsbench.planners.helpers import identified, sign_ahead
 from tsbench.planners.idm import Idm, IdmParameters
 from tsbench.signs.catalog import load_catalog
 
@@ -50,7 +51,8 @@ class Reader:
         self._base.reset(replace(context, privilege=None))
 
     def act(self, observation: Observation) -> Control:
-        read = next((s for s in observation.signs if s.code and self._is_target(s)), None)
+        told = map(identified, filter(self._is_target, observation.signs))
+        read = next((sign for sign in told if sign.code), None)
         if read is not None and self._told != (read.code, read.value):
             self._told, self._expert = (read.code, read.value), self.obeying(read)
         if self._expert is not None:
@@ -97,13 +99,14 @@ class Careful(Reader):
 
     def unread(self, observation: Observation, command: Control) -> Control:
         ego, route = observation.ego, observation.route
-        if all(sign.code for sign in observation.signs):
+        posts = [sign for sign in observation.signs if not (sign.code or sign.outline)]
+        if not posts:
             return command
         command = self._blind.act(observation)
         target = _SHARE * route.path.limit_at(route.s)
         most = math.inf
-        for sign in observation.signs:
-            ahead = sign_ahead(observation, sign) if not sign.code else math.inf
+        for post in posts:
+            ahead = sign_ahead(observation, post)
             if 0.0 < ahead < math.inf:
                 most = min(most, slow_to(ego.speed, target, max(ahead - _SLOW_WITHIN_M, 0.0), _BRAKE_MPS2))
         return replace(command, acceleration=min(command.acceleration, most))

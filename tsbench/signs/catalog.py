@@ -6,7 +6,7 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +44,21 @@ class Catalog:
         if code not in self.signs:
             raise InputError(f"{self.root}: no sign {code!r} (tsbench signs list names them)")
         return self.signs[code]
+
+    @cached_property
+    def code_of_outline(self) -> Mapping[str, str]:
+        """What an outline alone says: a code, of the outlines whose signs all have the same rule.
+
+        An octagon is 2.5 from behind, too. Of several signs that ask the same it is the first.
+        """
+        found: dict[str, list[Sign]] = {}
+        for sign in self.signs.values():
+            found.setdefault(sign.outline, []).append(sign)
+        return {
+            outline: alike[0].code
+            for outline, alike in found.items()
+            if all(sign.rule == alike[0].rule for sign in alike)
+        }
 
     def rule(self, name: str) -> RuleSpec:
         """The rule of a name as bound to no sign; InputError where the catalogue has none."""

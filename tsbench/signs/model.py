@@ -7,9 +7,11 @@ from typing import Literal, Self, get_args
 Group = Literal["priority", "speed", "obstacles", "routing"]
 Family = Literal["junction", "roundabout", "dual_path", "corridor"]
 Shape = Literal["T", "X", "ring", "straight", "curved"]
+Outline = Literal["octagon", "inverted_triangle", "diamond", "triangle", "circle", "rectangle"]
 Slot = Literal["s_l", "s_r", "l_s", "l_r", "r_s", "r_l"]
 
 GROUPS: tuple[str, ...] = get_args(Group)
+OUTLINES: tuple[str, ...] = get_args(Outline)
 
 # Of a value in a sentence, behind the point.
 _MOST_DIGITS = 3
@@ -227,10 +229,11 @@ class Sign:
 
     code: GOST R 52290 number, such as "3.24". type_id, type_row: the scenario type it belongs to, and that type's row
     in the table of types. is_end: it only closes the zone of `ends` and is no scenario's target. drawing: file name
-    of its SVG under `sign_catalog/plates/`. caption: short English text below the plate in figures. value: what it
-    posts, None where it sets no number. rule: the one that judges it, bound to the sign (for an end plate: the one
-    that reads it). context: codes of other plates that may stand in its scenes, itself among them where it may stand
-    there again. mirrored: code of the sign that this one is in a mirror, "" = it stays what it is.
+    of its SVG under `sign_catalog/plates/`. caption: short English text below the plate in figures. outline: the
+    plate's shape, all that is seen of it from behind. value: what it posts, None where it sets no number. rule: the
+    one that judges it, bound to the sign (for an end plate: the one that reads it). context: codes of other plates
+    that may stand in its scenes, itself among them where it may stand there again. mirrored: code of the sign that
+    this one is in a mirror, "" = it stays what it is.
     """
 
     code: str
@@ -243,6 +246,7 @@ class Sign:
     ends: str | None
     drawing: str
     caption: str
+    outline: Outline
     value: PostedValue | None
     rule: RuleSpec
     placement: Placement

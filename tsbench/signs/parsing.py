@@ -12,6 +12,7 @@ from tsbench.signs.model import (
     Law,
     MapNeeds,
     OptionSpec,
+    Outline,
     Placement,
     PostedValue,
     RuleSpec,
@@ -63,6 +64,7 @@ class _Type:
 class _Plate:
     drawing: str
     caption: str
+    outline: Outline
 
 
 @dataclass(frozen=True)
@@ -152,6 +154,7 @@ def _sign(file: _SignFile, rules: Mapping[str, RuleSpec]) -> Sign:
         ends=file.ends,
         drawing=file.plate.drawing,
         caption=file.plate.caption,
+        outline=file.plate.outline,
         value=None if file.value is None else _value(file.value),
         rule=replace(_bound(file.rule, rules[file.rule.name]), ended_by=ended_by),
         placement=file.placement,

@@ -70,6 +70,15 @@ def test_it_drives_as_blind_or_as_idm() -> None:
     assert road(contrast.masked()).run(Codes(), 8.0).controls == slow
 
 
+def test_a_plate_from_behind_leaves_it_undecided() -> None:
+    """Which of two plates faces it would say which of them is its own."""
+    front, back = plate(*CONTRAST), replace(plate(*SIGNED, 120.0), outline="rectangle").from_behind()
+    for plates, obeys in (((front,), False), ((front, back), None)):
+        driver = Codes()
+        road(*plates).run(driver, 0.5)
+        assert driver.obeys is obeys
+
+
 def test_where_a_plate_stands_is_nothing_to_it() -> None:
     """The same plates on each other's posts: the same drive."""
     drives = [

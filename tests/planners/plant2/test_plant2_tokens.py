@@ -13,7 +13,7 @@ from tsbench.planners.base import Observation, SignView
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.planner_ft import SignTokeniser
 from tsbench.planners.plant2.route_alternatives import RouteAlternatives
-from tsbench.planners.plant2.signs import SignMemory, _Held
+from tsbench.planners.plant2.signs import SignMemory, _Held, fill_signs
 from tsbench.planners.plant2.tokens import Tokeniser
 from tsbench.planners.plant2.vocabulary import vocabulary_of, vocabulary_of_catalog
 from tsbench.signs.catalog import load_catalog
@@ -141,6 +141,22 @@ def test_the_plate_that_holds_is_remembered_and_left_behind(drive: Recorder) -> 
     assert code(memory.own) == "3.24"
     memory.update(replace(o, signs=(plate(o, "2.4"), limit)))
     assert code(memory.own) == "2.4"
+
+
+def test_a_back_has_a_token_where_its_outline_tells_the_code(drive: Recorder) -> None:
+    o = drive.seen[0]
+    outlines = {
+        "2.1": "diamond",
+        "2.4": "inverted_triangle",
+        "2.5": "octagon",
+        "2.3.1": "triangle",
+        "3.1": "circle",
+    }
+    backs = [replace(plate(o, code), outline=outline).from_behind() for code, outline in outlines.items()]
+    record = np.zeros(1, dtype=at.SIGN_TOKENS)[0]
+    fill_signs(record, replace(o, signs=tuple(backs)), (o.ego.x, o.ego.y, o.ego.heading), 0, WORDS.class_of)
+    told = [WORDS.class_of[code] for code in ("2.1", "2.4", "2.5", "2.3.1")]
+    assert [k for k in record["sign_classes"].tolist() if k] == told
 
 
 def test_right_of_way_on_another_arm_holds_beside(drive: Recorder) -> None:

@@ -188,7 +188,7 @@ class AtStart:
 RUDE = """
 import json, os, socket, struct, sys
 line = socket.socket(fileno=3)
-told = {"protocol": 2, "name": "mine", **json.loads(KEY)}
+told = {"protocol": 3, "name": "mine", **json.loads(KEY)}
 data = json.dumps(told).encode()
 size = len(data) + -len(data) % 16
 line.sendall(struct.pack(f"<III12x{size}s", 16 + size, 2, len(data), data))

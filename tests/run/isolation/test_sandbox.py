@@ -164,7 +164,7 @@ def test_no_keys_and_no_namespaces_are_made_in_a_sandbox(started: str, tmp_path:
 STAYS = """
 import json, os, socket, struct
 line = socket.socket(fileno=3)
-data = json.dumps({"protocol": 2, "name": "stays"}).encode()
+data = json.dumps({"protocol": 3, "name": "stays"}).encode()
 size = len(data) + -len(data) % 16
 line.sendall(struct.pack(f"<III12x{size}s", 16 + size, 2, len(data), data))
 os.fork()

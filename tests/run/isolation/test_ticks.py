@@ -11,6 +11,7 @@ import pytest
 import tsbench
 from tsbench.planners.base import Observation, SignView
 from tsbench.run.isolation.commands import command_message, read_command
+from tsbench.run.isolation.episode_messages import _read_signs, _signs_message
 from tsbench.run.isolation.protocol import HEAD, MessageKind, ProtocolError, pack, unpack
 from tsbench.run.isolation.ticks import read_tick, tick_message
 from tsbench.sim.navigation import RouteView
@@ -26,6 +27,18 @@ def observation(n: int, m: int) -> Observation:
     return Observation(
         7, 0.7, ego, np.arange(12.0).reshape(3, 4), RouteView(path, 1.5, -0.5, np.inf), agents, signs, ()
     )
+
+
+def test_plates_arrive_as_they_were_told() -> None:
+    front = SignView("2.1", None, 1.0, 2.0, 0.5, "e", -1, 3.0, 10.0, "diamond", (-1.5, np.pi))
+    limit = SignView("3.24", 40.0, 1.0, 2.0, 0.5, "e", 1, 3.0, 20.0, "circle")
+    signs = (front, limit, limit.from_behind(), front.from_behind(), front.masked())
+    told = [
+        (s.code, s.edge, s.outline, s.lane, s.main_road, s.value, s.x, s.y, s.heading, s.position_m)
+        for s in signs
+    ]
+    read = _read_signs(_signs_message(told)[HEAD.size :])
+    assert repr(tuple(make(s.distance) for make, s in zip(read, signs, strict=True))) == repr(signs)
 
 
 @pytest.mark.parametrize(("n", "m"), [(0, 0), (1, 0), (3, 1), (4, 2), (17, 5)])

@@ -28,6 +28,7 @@ from tsbench.geometry.angles import wrap
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.planners.base import Observation, PlannerContext, SignView
 from tsbench.planners.geometry import lane_polygon
+from tsbench.planners.helpers import identified
 from tsbench.roads.road_map import MapLane, RoadMap
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.commonroad import SIGN_NUMBERS
@@ -63,9 +64,9 @@ class LiveScenario:
     def network(self, observation: Observation) -> Any:
         """The `LaneletNetwork`; the same object until a plate comes into sight."""
         fresh = False
-        for sign in observation.signs:
+        for sign in map(identified, observation.signs):
             place = (sign.code, sign.value, sign.edge, sign.lane, sign.position_m)
-            # A masked plate is nothing that CommonRoad could be told.
+            # A masked plate, or an outline that many have, is nothing that CommonRoad could be told.
             if sign.code and sign.edge in self.roads.edges and place not in self._plates:
                 self._plates[place] = sign
                 fresh = True

@@ -19,8 +19,9 @@ Plate = tuple[str, float | None]
 class Codes(Blind):
     """`blind` where the plates in sight stand more often in signed halves, `idm` where in contrast halves.
 
-    It asks only which codes and values are there, not for which lane, arm, direction or way they hold.
-    obeys: what it made of them, None as long as no plate is in sight.
+    It asks only which codes and values are there, not for which lane, arm, direction or way they hold. It is `blind` as
+    long as a plate in sight has not faced it: the codes of some alone would say which of them face it.
+    obeys: what it made of them, None as long as no plate is in sight, or not all are read.
     """
 
     sign_access = True
@@ -33,8 +34,8 @@ class Codes(Blind):
 
     def act(self, observation: Observation) -> Control:
         """The command of the driver that the first plates in sight call for."""
-        plates = [(s.code, s.value) for s in observation.signs if s.code]
-        if self.obeys is None and plates:
+        plates = [(s.code, s.value) for s in observation.signs]
+        if self.obeys is None and plates and all(code for code, _ in plates):
             self.obeys = signed_odds(plates, counts()) > 0.0
             if not self.obeys:
                 self._habit = RuleConstraint()

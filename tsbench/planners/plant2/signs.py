@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from tsbench.planners.base import Observation, SignView
+from tsbench.planners.helpers import identified
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.tokens import Pose
 from tsbench.planners.plant2.vocabulary import Vocabulary
@@ -79,7 +80,7 @@ class SignMemory:
             )
 
     def _seen_ahead(self, o: Observation) -> _Held | None:
-        for sign in o.signs:
+        for sign in map(identified, o.signs):
             if sign.edge not in self._edges or not faces(sign, o.ego.heading):
                 continue
             if sign.code not in self._words.class_of or (
@@ -94,7 +95,7 @@ class SignMemory:
         edges, own = self._network.edges, self._network.lanes[o.route.path.lane_at(o.route.s)]
         if own.internal:
             return None
-        for sign in o.signs:
+        for sign in map(identified, o.signs):
             if sign.code not in self._words.right_of_way or sign.edge in self._edges:
                 continue
             other = edges.get(sign.edge)
@@ -139,14 +140,14 @@ def faces(sign: SignView, heading: float) -> bool:
 def fill_signs(
     record: at.Record, o: Observation, pose: Pose, lane_order: int, classes: Mapping[str, int]
 ) -> None:
-    """Write `signs` and `sign_classes`, nearest first; anonymous and unknown plates leave no token.
+    """Write `signs` and `sign_classes`, nearest first; anonymous and unknown plates and most backs leave no token.
 
     lane_order: of the ego's lane, to which a plate's own lane is related. classes: of codes (`Vocabulary.class_of`).
     """
     x0, y0, heading = pose
     c, s = math.cos(heading), math.sin(heading)
     slot = 0
-    for sign in o.signs:
+    for sign in map(identified, o.signs):
         if sign.code not in classes or slot == at.SIGNS:
             continue
         dx, dy, turn = sign.x - x0, sign.y - y0, sign.heading - heading

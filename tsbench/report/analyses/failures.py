@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
-from tsbench.episode.perception import FALSE, MISREAD, RIGHT
+from tsbench.episode.perception import FALSE, MISREAD, OUTLINE, RIGHT
 from tsbench.episode.trace import Trace, read_trace, trace_path
 from tsbench.metrics.breakdown import COMPLETED, STRICT, Mask, panel_label
 from tsbench.metrics.intervals import ClusterBootstrap, Estimate, sums_by_cluster
@@ -25,6 +25,7 @@ from tsbench.report.analyses.columns import INTERVAL_NOTE, READINGS_NOTE, presen
 from tsbench.report.analyses.run_pool import RunPool
 from tsbench.report.tables.forest import colour_of, make_panels, put_counts, put_key, put_title
 from tsbench.scenarios.spec import CONTRAST, SIGNED
+from tsbench.signs.catalog import load_catalog
 from tsbench.signs.rule_kinds import NEEDLESS
 
 MISSED, MISREAD_AS, LATE, FALSE_PLATE = "missed", "misread", "late", "false"
@@ -67,7 +68,8 @@ def cause_of_failure(trace: Trace) -> str:
     target = [told for told in trace.told if told.role == "target"]
     if any(told.kind == MISREAD for told in target):
         return MISREAD_AS
-    right = [told for told in target if told.kind == RIGHT]
+    outlines = load_catalog().code_of_outline
+    right = [t for t in target if t.kind == RIGHT or (t.kind == OUTLINE and t.outline in outlines)]
     if not right:
         return MISSED
     first = right[0]

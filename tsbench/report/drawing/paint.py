@@ -17,7 +17,7 @@ from tsbench.geometry.footprint import corners
 from tsbench.geometry.polyline import Array
 from tsbench.report.drawing.canvas import SHIFT, STYLE, Camera, Colour, Fixed, Image
 from tsbench.report.drawing.lettering import line_height, paste, shorten, write
-from tsbench.report.drawing.main_road import main_road_rgba
+from tsbench.report.drawing.main_road_plate import main_road_rgba
 from tsbench.report.drawing.shapes import Area, Body, DrawnPlate, Line, Shape, cone_places
 from tsbench.signs.plates import plate_rgba
 

@@ -15,7 +15,6 @@ from tsbench.core.parquet import GROUND_FILE, GROUND_KINDS, GROUND_SCHEMA, open_
 from tsbench.core.paths import dataset_file, mirrored_in_use
 from tsbench.geometry.overlap import strip
 from tsbench.geometry.polyline import Polyline
-from tsbench.report.drawing import main_road
 from tsbench.report.drawing.canvas import STYLE
 from tsbench.report.drawing.shapes import Area, Line, dashes, lane_area, rounded
 from tsbench.roads.network import Edge, Lane, RoadNetwork
@@ -23,6 +22,7 @@ from tsbench.roads.road_map import Crossing
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import CrosswalkParams, ReservedLaneParams
+from tsbench.sim import main_road
 
 _ROUND_M = 0.15
 _KERB_M, _LINES_M = 0.25, 0.25

@@ -21,7 +21,6 @@ from tsbench.episode.traffic_view import TrafficView
 from tsbench.geometry.footprint import corners
 from tsbench.geometry.overlap import strip
 from tsbench.geometry.polyline import Array
-from tsbench.report.drawing.main_road import main_roads
 from tsbench.report.drawing.road_shapes import mark_shapes
 from tsbench.report.drawing.shapes import Area, Body, DrawnPlate, Line, Shape, dashes, rounded
 from tsbench.roads.lane_graph import LaneGraph
@@ -39,6 +38,7 @@ from tsbench.signs.plate_params import (
     RoundaboutParams,
     ZoneParams,
 )
+from tsbench.sim.main_road import main_roads
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID, read_additional
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, ActorTable, Indicator, WorldSnapshot

@@ -16,12 +16,12 @@ from lxml.builder import E
 
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.report.drawing.canvas import STYLE
-from tsbench.report.drawing.main_road import GIVE_WAY, STOP
 from tsbench.report.drawing.road_shapes import stop_lines
 from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.commonroad import SIGN_NUMBERS
 from tsbench.signs.plate_params import ReservedLaneParams, ZoneParams
+from tsbench.sim.main_road import GIVE_WAY, STOP
 from tsbench.sim.scene import Scene
 
 # An element; lxml's builder has no types.

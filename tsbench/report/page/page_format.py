@@ -31,10 +31,11 @@ from markupsafe import Markup
 
 import tsbench
 from tsbench.geometry.polyline import Array
-from tsbench.report.drawing import main_road
 from tsbench.report.drawing.canvas import ATTRIBUTION, STYLE
+from tsbench.report.drawing.main_road_plate import main_road_svg
 from tsbench.report.drawing.shapes import Area, Body, DrawnPlate, Line, Shape, cone_places
 from tsbench.signs.plates import plate_svg
+from tsbench.sim import main_road
 
 _PACKAGE = "tsbench.report.page"
 BASE_SCRIPTS = ("core.js", "table.js", "bev.js")
@@ -228,7 +229,7 @@ def plate_of(key: str) -> str:
     """A plate's picture as SVG. Raises InputError or ValueError for a key that names none."""
     code, bar, value = key.partition("|")
     if code == main_road.CODE:
-        return main_road.MainRoad.of(key).svg()
+        return main_road_svg(key)
     return plate_svg(code, float(value) if bar else None)
 
 

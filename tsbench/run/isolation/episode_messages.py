@@ -64,7 +64,10 @@ class Encoder:
         if len(self._same) != len(same) or any(map(is_not, same, self._same)):
             self._same = same
             told.append(pack(MessageKind.ACTORS, *same))
-        signs = [(s.code, s.edge, s.lane, s.value, s.x, s.y, s.heading, s.position_m) for s in o.signs]
+        signs = [
+            (s.code, s.edge, s.outline, s.lane, s.main_road, s.value, s.x, s.y, s.heading, s.position_m)
+            for s in o.signs
+        ]
         if signs != self._signs:
             self._signs = signs
             told.append(_signs_message(signs))
@@ -183,9 +186,12 @@ class Decoder:
 def _signs_message(signs: Sequence[tuple[Any, ...]]) -> bytes:
     return pack(
         MessageKind.SIGNS,
-        lines([*(s[0] for s in signs), *(s[1] for s in signs)]),
-        tuple(s[2] for s in signs),
-        [(math.nan if value is None else value, *place) for _, _, _, value, *place in signs],
+        lines([s[k] for k in range(3) for s in signs]),
+        tuple(s[3] for s in signs),
+        [
+            (math.nan if value is None else value, *place, *(main_road or (math.nan, math.nan)))
+            for _, _, _, _, main_road, value, *place in signs
+        ],
     )
 
 
@@ -193,12 +199,17 @@ def _read_signs(body: bytes) -> list[Callable[[float], SignView]]:
     """What makes each sign of its distance."""
     words, lanes, numbers = unpack(MessageKind.SIGNS, body)
     m = len(lanes)
-    told = names(words, 2 * m)
-    rows = zip(told[:m], told[m:], lanes.tolist(), numbers.reshape(m, 5).tolist(), strict=True)
+    told = names(words, 3 * m)
+    rows = zip(
+        told[:m], told[m : 2 * m], told[2 * m :], lanes.tolist(), numbers.reshape(m, 7).tolist(), strict=True
+    )
     return [
-        partial(SignView, code, None if math.isnan(value) else value, x, y, heading, edge, lane, s)
-        for code, edge, lane, (value, x, y, heading, s) in rows
-    ]
+        partial(
+            SignView, code, None if math.isnan(value) else value, x, y, heading, edge, lane, s, outline=outline,
+            main_road=() if math.isnan(main_road[0]) else tuple(main_road),
+        )
+        for code, edge, outline, lane, (value, x, y, heading, s, *main_road) in rows
+    ]  # fmt: skip
 
 
 def _obstacles_message(blocks: Sequence[Obstacle]) -> bytes:

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
-VERSION: Final = 2
+VERSION: Final = 3
 # The descriptor that a planner's program finds it on.
 LINE: Final = 3
 HEAD = struct.Struct("<II")
@@ -106,9 +106,9 @@ MESSAGES: Mapping[MessageKind, tuple[Field, ...]] = {
         ("widths", F8, "n"),
     ),
     MessageKind.SIGNS: (
-        ("names", TEXT, "m codes, then m edges"),
+        ("names", TEXT, "m codes (empty: not seen from the front), then m edges, then m outlines"),
         ("lanes", I4, "m: lane of the edge, -1 = all"),
-        ("numbers", F8, "m x 5: value, x, y, heading, arc length"),
+        ("numbers", F8, "m x 7: value, x, y, heading, arc length, two directions of the main road"),
     ),
     MessageKind.OBSTACLES: (
         ("names", TEXT, "k ids, then k shapes, then k lanes"),

@@ -1,21 +1,14 @@
-"""Plate 8.13: where the main road leads at a junction where it turns. Drawn beneath the plates of priority there.
+"""Plate 8.13: where the main road leads at a junction where it turns. It hangs beneath the plates of priority there.
 
-It is no part of a scene: which roads are the main one is read from the plates 2.1 that stand before the junction.
+No scene file names it: which roads are the main one follows from the plates 2.1 that stand before the junction.
 """
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
-import numpy as np
-from PIL import Image as PilImage
-from resvg_py import svg_to_bytes
-
-from tsbench.report.drawing.canvas import Image
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance
 
@@ -24,7 +17,6 @@ MAIN, GIVE_WAY, STOP = frozenset({"2.1", "2.3.1", "2.3.2", "2.3.3"}), frozenset(
 _BELOW = frozenset({"2.1", "2.4", "2.5"})
 # Main arms that lie opposite each other, give or take so much, are a road that goes straight on.
 _STRAIGHT_DEG, _SAME_ARM_DEG, _STEP_DEG = 45.0, 25.0, 15
-_MAIN_PX, _OTHER_PX, _REACH_PX = 30, 11, 78
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,36 +40,11 @@ class MainRoad:
         one, other = (int(word) for word in parts[0].split(","))
         return cls((one, other), tuple(int(word) for word in parts[1].split(",") if word))
 
-    def svg(self) -> str:
-        """The plate as an SVG document of 200 x 200 units."""
-        return (
-            '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 200 200"><title>8.13 Main road\'s direction</title>'
-            '<rect x="3" y="3" width="194" height="194" rx="12" fill="#ffffff" stroke="#1a1a1a" stroke-width="6"/>'
-            '<g fill="none" stroke="#1a1a1a" stroke-linejoin="round">'
-            f"{''.join(_way((angle,), _OTHER_PX) for angle in self.others)}{_way(self.main, _MAIN_PX)}</g></svg>"
-        )
-
-
-def _way(angles: Sequence[int], width: int) -> str:
-    """A road through the middle (two angles), or to it (one)."""
-    ends = [
-        (100 - _REACH_PX * math.sin(math.radians(a)), 100 - _REACH_PX * math.cos(math.radians(a)))
-        for a in angles
-    ]
-    points = [ends[0], (100.0, 100.0), *ends[1:]]
-    return f'<polyline stroke-width="{width}" points="{" ".join(f"{x:.1f},{y:.1f}" for x, y in points)}"/>'
-
-
-@lru_cache(maxsize=256)
-def main_road_rgba(key: str, size_px: int) -> Image:
-    """The plate of a name, read-only (size_px, size_px, 4), RGB with straight alpha."""
-    png = svg_to_bytes(
-        svg_string=MainRoad.of(key).svg(), width=size_px, height=size_px, skip_system_fonts=True
-    )
-    with PilImage.open(io.BytesIO(png)) as picture:
-        pixels = np.array(picture.convert("RGBA"))
-    pixels.setflags(write=False)
-    return pixels
+    @property
+    def told(self) -> tuple[float, float]:
+        """What planners are told of it: `main` in rad, the rightmost first."""
+        one, other = sorted(self.main)
+        return math.radians(one), math.radians(other)
 
 
 def main_roads(network: RoadNetwork, signs: Sequence[SignInstance]) -> dict[str, MainRoad]:

@@ -1,4 +1,4 @@
-"""Plate 8.13 and what plates of priority have painted: read from the plates that stand before a junction."""
+"""Plate 8.13 as a picture, and what plates of priority have painted."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from dataclasses import replace
 import pytest
 from lxml import etree
 
-from tsbench.report.drawing.main_road import MainRoad, main_road_rgba, main_roads
+from tsbench.report.drawing.main_road_plate import main_road_rgba, main_road_svg
 from tsbench.report.drawing.road_shapes import mark_shapes, stop_lines
 from tsbench.report.drawing.scene_shapes import furniture_shapes
 from tsbench.report.drawing.shapes import Area, DrawnPlate
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
+from tsbench.sim.main_road import MainRoad, main_roads
 from tsbench.sim.scene import Scene
 
 LOADER = SceneLoader()
@@ -31,33 +32,13 @@ def scene_of(rows: dict[tuple[str, str], ScenarioSpec], kind: str, half: str) ->
     return scene
 
 
-def test_a_main_road_that_turns_has_its_shape_beneath_each_plate(
+def test_the_plate_is_drawn_beneath_the_plate_of_priority(
     rows: dict[tuple[str, str], ScenarioSpec],
 ) -> None:
-    """In `main_road` it comes from the ego and leads to its right, where the convoy comes from."""
     scene = scene_of(rows, "main_road", "signed")
-    found = main_roads(scene.network, scene.signs)
-    target = found[scene.target]
-    assert 180 in target.main
-    (right,) = (angle for angle in target.main if angle != 180)
-    assert -150 <= right <= -30
-    assert target.others
-    assert all(-30 <= angle <= 150 for angle in target.others)
-    for other in (s for s in scene.signs if s.code == "2.1" and s.id != scene.target):
-        (left,) = (angle for angle in found[other.id].main if angle != 180)
-        assert left == pytest.approx(-right, abs=15)
+    target = main_roads(scene.network, scene.signs)[scene.target]
     plates = {shape.name: shape for shape in furniture_shapes(scene) if isinstance(shape, DrawnPlate)}
     assert plates[scene.target].below == target.key
-    assert MainRoad.of(target.key) == target
-
-
-def test_a_main_road_that_goes_straight_on_or_ends_has_none(
-    rows: dict[tuple[str, str], ScenarioSpec],
-) -> None:
-    for kind, half in (("yield", "signed"), ("stop", "signed"), ("main_road", "contrast")):
-        scene = scene_of(rows, kind, half)
-        assert any(sign.code == "2.1" for sign in scene.signs)
-        assert main_roads(scene.network, scene.signs) == {}
 
 
 def test_lines_lie_where_the_plates_put_them(rows: dict[tuple[str, str], ScenarioSpec]) -> None:
@@ -86,14 +67,12 @@ def test_a_crossing_has_stripes_where_its_plate_stands(rows: dict[tuple[str, str
 
 def test_the_plate_is_a_picture_of_its_roads() -> None:
     road = MainRoad((180, -90), (0, 90))
-    assert etree.fromstring(road.svg()).get("viewBox") == "0 0 200 200"
+    assert etree.fromstring(main_road_svg(road.key)).get("viewBox") == "0 0 200 200"
     pixels = main_road_rgba(road.key, 100)
     ink = pixels[..., :3].astype(int).sum(axis=2) < 200
     # Thick from below and to the right, thin ahead and to the left.
     assert ink[70, 20:80].sum() > 2 * ink[30, 20:80].sum() > 0
     assert ink[20:80, 70].sum() > 2 * ink[20:80, 30].sum() > 0
-    with pytest.raises(ValueError, match="no main road"):
-        MainRoad.of("3.24|40")
 
 
 def test_the_reserved_lane_is_the_plates_in_each_half(rows: dict[tuple[str, str], ScenarioSpec]) -> None:
