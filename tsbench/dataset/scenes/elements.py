@@ -17,6 +17,9 @@ from tsbench.sim.scene import EgoStart, Obstacle
 from tsbench.sim.scene_file import EGO_ID
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 
+# The hardest braking of a vehicle: with SUMO's own 9 m/s2, a car that creeps stops dead for whatever is ahead of it.
+_HARDEST_BRAKE_MPS2 = 4.5
+
 
 def _num(value: float) -> str:
     return f"{value:.3f}".rstrip("0").rstrip(".")
@@ -30,7 +33,8 @@ def _vtype(
     values = {
         "id": name, "vClass": vclass, **model, "speedDev": "0",
         "speedFactor": "1", "maxSpeed": _num(driver.speed), "accel": _num(driver.accel),
-        "decel": _num(driver.decel), "tau": _num(driver.headway), "minGap": _num(driver.gap),
+        "decel": _num(driver.decel), "emergencyDecel": _num(max(driver.decel, _HARDEST_BRAKE_MPS2)),
+        "tau": _num(driver.headway), "minGap": _num(driver.gap),
         "length": _num(driver.length), "width": _num(driver.width), "color": color,
     }  # fmt: skip
     return etree.Element("vType", values)
