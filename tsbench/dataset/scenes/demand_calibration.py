@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from tsbench.dataset.scenes.traffic import Car, Router, TrafficRequest, driving_lanes, make_car
-from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
@@ -26,11 +26,18 @@ LEAST_HEADWAY_S = 1.5
 LEAST_ROOM_M = 11.0
 SHORTEST_LANE_M = 15.0
 EVERY_TICKS = 4
+# A car that stands for longer, so near its line or within a junction, never gets its turn.
+LONGEST_STAND_S = 30.0
+AT_LINE_M = 10.0
+STANDING_M = 0.5
 OWN_PREFIX = "bg_"
 
 
 class DemandCalibration:
-    """Lets cars into a running simulation; `cars` is what was let in, in order."""
+    """Lets cars into a running simulation; `cars` is what was let in, in order.
+
+    jammed: turns that a car waited for in vain, first at its line.
+    """
 
     def __init__(
         self, sim: Simulation, network: RoadNetwork, graph: LaneGraph, ask: TrafficRequest,
@@ -47,6 +54,9 @@ class DemandCalibration:
         # Who has waited longest is next; the first order is drawn.
         order = rng.permutation(len(self.entries))
         self.last = {lane.id: -100.0 + float(order[k]) for k, lane in enumerate(self.entries)}
+        self.jammed: set[Turn] = set()
+        # By car: its last ordinary edge, the lane and the place where it was seen first, and when.
+        self._stands: dict[str, tuple[str, str, float, float]] = {}
         self.phase = float(rng.uniform(0.0, CYCLE_S))
         self.ego_edge = network.lane(ask.start.lane).edge
 
@@ -58,7 +68,7 @@ class DemandCalibration:
             self.sim.step()
             if tick % EVERY_TICKS or tick * DT_S < self.ask.quiet_s:
                 continue
-            count, rear = self._fleet_now()
+            count, rear = self._fleet_now(tick * DT_S)
             wanted = self.target
             if samples < window:
                 total, samples = total + count, samples + 1
@@ -68,7 +78,7 @@ class DemandCalibration:
             self._let_in(round(tick * DT_S, 1), count, wanted, rear)
         return total / max(samples, 1)
 
-    def _fleet_now(self) -> tuple[int, dict[str, float]]:
+    def _fleet_now(self, now: float) -> tuple[int, dict[str, float]]:
         """Background cars on ordinary lanes, and how far the last one on each lane has come."""
         count = 0
         rear: dict[str, float] = {}
@@ -76,7 +86,20 @@ class DemandCalibration:
             if name.startswith(OWN_PREFIX):
                 count += lane[0] != ":"
                 rear[lane] = min(rear.get(lane, place), place)
+                self._watch(name, lane, place, now)
         return count, rear
+
+    def _watch(self, name: str, lane: str, place: float, now: float) -> None:
+        """Note the turn of a car that stands at its line, or in a junction, for too long."""
+        edge, before, since, at = self._stands.get(name, ("", "", 0.0, -1.0))
+        if lane != before or place - since > STANDING_M:
+            edge = edge if lane[0] == ":" else self.network.lane(lane).edge
+            self._stands[name] = (edge, lane, place, now)
+        elif now - at > LONGEST_STAND_S:
+            left = self.network.lane(lane).line.length - place
+            route = next(car.edges for car in self.cars if car.id == name)
+            if edge in route[:-1] and (lane[0] == ":" or left < AT_LINE_M):
+                self.jammed.add((edge, route[route.index(edge) + 1]))
 
     def _let_in(self, now: float, count: int, wanted: float, rear: dict[str, float]) -> None:
         red = (now + self.phase) % CYCLE_S > GREEN_S

@@ -43,7 +43,7 @@ _ENDS = {SIGNED: "", CONTRAST: "c"}
 # share of a map's variants that may not tempt.
 ATTEMPTS = 4
 UNTEMPTING_MOST = 0.1
-LESS_TRAFFIC = (1.0, 0.75, 0.5)
+LESS_TRAFFIC = (1.0, 0.85, 0.7, 0.5)
 
 
 class Prover(Protocol):
@@ -219,7 +219,7 @@ class SiteBuilder:
     def _traffic(self, variant: Variant, writer: SceneFileWriter) -> tuple[Variant, OtherTraffic]:
         """The traffic of a scene, and its variant with the density that was asked in the end.
 
-        Many cars do not find their way into every crop: these get three quarters or half as many.
+        Not every crop carries many cars: such a one gets fewer, down to half.
         """
         refused = ""
         for share in LESS_TRAFFIC:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from lxml import etree
@@ -32,6 +33,7 @@ from tsbench.dataset.scenes.plate_roads import plate_roads
 from tsbench.dataset.scenes.scene_vehicles import routed_vehicles
 from tsbench.dataset.scenes.traffic import Car, TrafficRequest, lane_km, standing_cars
 from tsbench.dataset.seeds import rng_of
+from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.scenarios.certificates import DENSITY_TOLERANCE
 from tsbench.scenarios.scene_loader import Roads
 from tsbench.signs.places import load_places
@@ -41,7 +43,7 @@ from tsbench.sim.scene_file import layout_elements, read_layout, scene_from_layo
 from tsbench.sim.sumo import Simulation
 
 DENSITY_GOAL = 0.1
-REHEARSALS = 4
+REHEARSALS = 6
 
 
 @dataclass(frozen=True)
@@ -160,20 +162,28 @@ class SceneFileWriter:
         )
         goal = target = asked * length
         best: tuple[float, list[Car]] | None = None
+        jammed: frozenset[Turn] = frozenset()
         for rehearsal in range(REHEARSALS):
             rng = rng_of("traffic", self.name)
             standing = standing_cars(network, graph, ask, rng)
-            if not rehearsal:
+            if not rehearsal or jammed:
                 write_additional([*fixed, *self._types(), *background(standing)], self.trial)
             load_files(self.sim, self.roads.file.path, self.trial, network, self.seed)
             inflow = DemandCalibration(self.sim, network, graph, ask, standing, target, rng)
             mean = inflow.drive(duration_s)
+            jammed = _spared(inflow.jammed, graph, ask.avoid_turns)
+            if jammed:
+                ask, best = replace(ask, avoid_turns=ask.avoid_turns | jammed), None
+                continue
+            if inflow.jammed:
+                raise UnluckyDrawError(f"cars stand before {sorted(inflow.jammed)[0][1]} in vain")
             if best is None or abs(mean - goal) < abs(best[0] - goal):
                 best = (mean, inflow.cars)
             if abs(mean / goal - 1.0) <= DENSITY_GOAL:
                 break
             target *= min(max(goal / max(mean, 0.1), 0.6), 1.8)
-        assert best is not None
+        if best is None:
+            raise UnluckyDrawError("cars stand in vain at ever new places")
         # The departures written down happen as they were driven: no second run has to count them.
         got = best[0] / length
         if abs(got / asked - 1.0) > DENSITY_TOLERANCE:
@@ -199,3 +209,13 @@ class SceneFileWriter:
             raise SimulationError(f"{self.path}: SUMO did not insert {missing[0]}")
         if a.walkers:
             self.sim.hold_persons(a.walkers.persons)
+
+
+def _spared(turns: AbstractSet[Turn], graph: LaneGraph, avoided: AbstractSet[Turn]) -> frozenset[Turn]:
+    """Those of the turns that cars can leave alone: another way on is left."""
+    spared: set[Turn] = set()
+    for turn in sorted(turns):
+        ways = {(turn[0], e) for e in graph.successors(turn[0])} - avoided - spared
+        if ways - {turn}:
+            spared.add(turn)
+    return frozenset(spared)
