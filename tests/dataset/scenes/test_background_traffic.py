@@ -24,7 +24,7 @@ from tsbench.dataset.scenes.demand_calibration import (
 from tsbench.dataset.scenes.drivers import Driver
 from tsbench.dataset.scenes.dry_run import lead_time
 from tsbench.dataset.scenes.elements import background, driver_types, write_additional
-from tsbench.dataset.scenes.traffic import Car, Router, TrafficRequest, lane_km, standing_cars
+from tsbench.dataset.scenes.traffic import Car, Router, TrafficRequest, avoidable, lane_km, standing_cars
 from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork
@@ -185,6 +185,31 @@ def test_what_was_rehearsed_happens_again(rehearsal: Rehearsal) -> None:
         if tick % EVERY_TICKS == 0:
             counts.append(sum(not lane.startswith(":") for _, lane, _ in sim.fleet()))
     assert np.mean(counts) == pytest.approx(rehearsal.mean, rel=0.01)
+
+
+def test_a_turn_is_jammed_where_a_car_stands_at_its_line_for_half_a_minute(on_cross: SceneMaker) -> None:
+    network, graph = on_cross.network, LaneGraph(on_cross.network)
+    cars = [Car(f"bg_{k:03d}", 0, 0.0, ("w_in", "n_out"), 0, 10.0) for k in range(3)]
+    request = ask(10.0, EgoStart("e_in_0", 50.0, 8.0))
+    inflow = DemandCalibration(simulation(), network, graph, request, cars, 3.0, np.random.default_rng(1))
+    line = network.edge_lanes("w_in")[0].line.length
+    for now in (0.0, 29.0):
+        inflow._watch("bg_000", "w_in_0", line - 2.0, now)
+        inflow._watch("bg_001", "w_in_0", line - 30.0, now)
+        inflow._watch("bg_002", "w_in_0", line - 40.0 + now, now)
+    assert not inflow.jammed
+    for k, place in enumerate((2.0, 30.0, 10.0)):
+        inflow._watch(f"bg_00{k}", "w_in_0", line - place, 31.0)
+    # The others stand behind it, or come on.
+    assert inflow.jammed == {("w_in", "n_out")}
+
+
+def test_turns_are_avoidable_as_long_as_a_way_on_is_left(on_cross: SceneMaker) -> None:
+    graph = LaneGraph(on_cross.network)
+    ways = sorted(("w_in", e) for e in graph.successors("w_in"))
+    assert avoidable(set(ways[:1]), graph, frozenset()) == {ways[0]}
+    assert avoidable(set(ways), graph, frozenset()) == set(ways[:-1])
+    assert avoidable({ways[0]}, graph, frozenset(ways[1:])) == frozenset()
 
 
 def test_platoons_leave_gaps(on_cross: SceneMaker, tmp_path: Path) -> None:

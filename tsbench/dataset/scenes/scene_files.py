@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -31,9 +30,9 @@ from tsbench.dataset.scenes.lint import lint_scene
 from tsbench.dataset.scenes.plate_places import PlacedPlates
 from tsbench.dataset.scenes.plate_roads import plate_roads
 from tsbench.dataset.scenes.scene_vehicles import routed_vehicles
-from tsbench.dataset.scenes.traffic import Car, TrafficRequest, lane_km, standing_cars
+from tsbench.dataset.scenes.traffic import Car, TrafficRequest, avoidable, lane_km, standing_cars
 from tsbench.dataset.seeds import rng_of
-from tsbench.roads.lane_graph import LaneGraph, Turn
+from tsbench.roads.lane_graph import Turn
 from tsbench.scenarios.certificates import DENSITY_TOLERANCE
 from tsbench.scenarios.scene_loader import Roads
 from tsbench.signs.places import load_places
@@ -171,7 +170,7 @@ class SceneFileWriter:
             load_files(self.sim, self.roads.file.path, self.trial, network, self.seed)
             inflow = DemandCalibration(self.sim, network, graph, ask, standing, target, rng)
             mean = inflow.drive(duration_s)
-            jammed = _spared(inflow.jammed, graph, ask.avoid_turns)
+            jammed = avoidable(inflow.jammed, graph, ask.avoid_turns)
             if jammed:
                 ask, best = replace(ask, avoid_turns=ask.avoid_turns | jammed), None
                 continue
@@ -209,13 +208,3 @@ class SceneFileWriter:
             raise SimulationError(f"{self.path}: SUMO did not insert {missing[0]}")
         if a.walkers:
             self.sim.hold_persons(a.walkers.persons)
-
-
-def _spared(turns: AbstractSet[Turn], graph: LaneGraph, avoided: AbstractSet[Turn]) -> frozenset[Turn]:
-    """Those of the turns that cars can leave alone: another way on is left."""
-    spared: set[Turn] = set()
-    for turn in sorted(turns):
-        ways = {(turn[0], e) for e in graph.successors(turn[0])} - avoided - spared
-        if ways - {turn}:
-            spared.add(turn)
-    return frozenset(spared)

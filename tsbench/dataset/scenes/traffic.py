@@ -88,6 +88,16 @@ class Router:
         return tuple(route)
 
 
+def avoidable(turns: AbstractSet[Turn], graph: LaneGraph, avoided: AbstractSet[Turn]) -> frozenset[Turn]:
+    """Those of the turns that cars can leave alone beside the avoided ones: another way on is left."""
+    found: set[Turn] = set()
+    for turn in sorted(turns):
+        ways = {(turn[0], e) for e in graph.successors(turn[0])} - avoided - found
+        if ways - {turn}:
+            found.add(turn)
+    return frozenset(found)
+
+
 def driving_lanes(network: RoadNetwork, closed: AbstractSet[str] = frozenset()) -> list[Lane]:
     """Ordinary lanes for cars but those of closed edges, in the order of the network."""
     return [
