@@ -30,9 +30,7 @@ from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path
 from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.plate_params import ReservedLaneParams
-from tsbench.sim.ego import MAX_SPEED_MPS, Motion
-from tsbench.sim.world import DT_S
+from tsbench.sim.ego import Motion
 
 CATALOG = load_catalog()
 TYPES = tuple(t.id for t in CATALOG.types)
@@ -133,30 +131,6 @@ def test_both_halves_have_the_same_plates(rows: list[ScenarioSpec]) -> None:
         assert differ == wanted
 
 
-def test_few_reserved_lanes_are_so_short_that_weaving_over_their_edge_could_pass(
-    rows: list[ScenarioSpec],
-) -> None:
-    """The counts of docs/without_reading.md. Each stay is judged by itself, but leaving the lane in all."""
-    stay = round(CATALOG.rules["reserved_lane"].thresholds["duration_s"] / DT_S) + 1
-    out = round(CATALOG.needless.thresholds["lane_s"] / DT_S)
-    farthest = ((out + 1) * stay + out) * DT_S * MAX_SPEED_MPS
-    assert farthest == pytest.approx(91.0, abs=0.1)
-    loader, short = SceneLoader(SceneStore()), Counter[tuple[str, str]]()
-    for r in rows:
-        if (
-            r.split in ("dev", "test")
-            and r.pair_type in ("bus_lane", "bike_lane")
-            and r.half == SIGNED
-            and r.variant == 0
-        ):
-            scene, _ = loader.load(r)
-            (lane,) = scene.target_sign.params_as(ReservedLaneParams).lanes
-            short[r.split, r.pair_type] += scene.network.lane(lane).line.length <= farthest
-    assert short == {
-        ("dev", "bus_lane"): 0, ("dev", "bike_lane"): 0, ("test", "bus_lane"): 4, ("test", "bike_lane"): 4,
-    }  # fmt: skip
-
-
 def test_every_row_has_its_certificate(rows: list[ScenarioSpec], proofs: dict[str, Certificate]) -> None:
     """Solvable and sane without exception; nine of ten rows of a type tempt; the rule binds nearly everywhere."""
     assert set(proofs) == {r.scenario_id for r in rows}
@@ -241,7 +215,9 @@ def test_realised_density(rows: list[ScenarioSpec], proofs: dict[str, Certificat
     """Cars per lane-km within a quarter of what was asked, in every scene with traffic; unbiased on the whole."""
     dense = [proofs[r.scenario_id] for r in rows if r.density > 0]
     ratios = np.array([c.realised_density / c.asked_density for c in dense])
-    assert len(ratios) == sum(r.variant > 0 for r in rows)
+    # Where the only road in the ego's direction is closed to others, there is none.
+    bare = {r.pair_type for r in rows if r.variant > 0 and not r.density}
+    assert bare <= {"detour_left", "detour_right", "min_speed"}
     assert np.abs(ratios - 1.0).max() <= 0.25 + 1e-3
     assert abs(float(ratios.mean()) - 1.0) < 0.07
 
