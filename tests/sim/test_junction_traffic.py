@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+from lxml import etree
 from simworld import SceneMaker, motion_at, plate
 
 from tsbench.dataset.scenes.traffic import Car
@@ -14,8 +15,8 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder
 from tsbench.sim.convoy import SHOWS_AT_M, Approach, earliest_arrival
 from tsbench.sim.junction_traffic import HOLD_BEFORE_LINE_M, JunctionTraffic, exchangeable
-from tsbench.sim.scene import ConvoyPlan, EgoStart, Scene
-from tsbench.sim.scene_file import late_entries
+from tsbench.sim.scene import ConvoyPlan, EgoStart, Scene, SceneFile
+from tsbench.sim.scene_file import late_entries, read_additional
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EgoState
 
@@ -160,6 +161,35 @@ def test_who_rushed_and_brakes_is_told_no_sooner(sim: Simulation, on_cross: Scen
     lane, place = stage.stand(20.0, 20.0)["convoy_0"]
     assert lane == "w_in_0"
     assert place == pytest.approx(stage.network.lane("w_in_0").length - HOLD_BEFORE_LINE_M, abs=0.3)
+
+
+def entering(made: Scene) -> Scene:
+    """The scene with a convoy that enters at the start of its arm, the second car 2 s after the first."""
+    root = read_additional(made.additional.path, made.additional.content)
+    for k, vehicle in enumerate(
+        root.findall("vehicle[@type='convoy0']") + root.findall("vehicle[@type='convoy1']")
+    ):
+        vehicle.attrib.update({"depart": str(9 + 2 * k), "departPos": "base", "departSpeed": "max"})
+        del vehicle.attrib["insertionChecks"]
+    return replace(made, additional=SceneFile(made.additional.path, etree.tostring(root)))
+
+
+def test_a_convoy_enters_at_its_speed_when_it_is_released(sim: Simulation, on_cross: SceneMaker) -> None:
+    made = entering(scene(on_cross, "enters"))
+    assert made.convoy is not None
+    # An ego that stands 130 m before its line cannot be in the zone before the convoy.
+    stage = Stage(sim, replace(made, convoy=replace(made.convoy, lead_time_s=6.0)))
+    assert "convoy_0" not in stage.stand(130.0, 20.0)
+    there = stage.stand(20.0, 0.1)
+    assert there["convoy_0"] == ("w_in_0", pytest.approx(4.5, abs=2.0))
+    assert sim.speeds("convoy_0")[0] == pytest.approx(sim.pace("convoy_0")[0])
+    assert "convoy_1" not in there
+    assert "convoy_1" in stage.stand(20.0, 2.1)
+    # It waits before its line, as one that stood there.
+    there = stage.stand(20.0, 30.0)
+    assert there["convoy_0"][0] == there["convoy_1"][0] == "w_in_0"
+    end = stage.network.lane("w_in_0").length
+    assert there["convoy_0"][1] == pytest.approx(end - HOLD_BEFORE_LINE_M, abs=0.3)
 
 
 def test_where_plates_say_nothing_about_others_time_goes_on(sim: Simulation, on_cross: SceneMaker) -> None:

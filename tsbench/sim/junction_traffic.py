@@ -56,17 +56,21 @@ class JunctionTraffic:
         self._silent = exchangeable(scene)
         self._waits = self._release is not None
         self._hurries = False
-        # Of each of the convoy, its own top speed and acceleration.
+        # Of each of the convoy that is there, its own top speed and acceleration.
         self._paces: dict[str, tuple[float, float]] = {}
+        # Of a convoy that does not stand there at the start, who enters.
+        self._entering: tuple[LateEntry, ...] = ()
         self._late: tuple[LateEntry, ...] = ()
         content = scene.additional.content
         if self._silent:
-            content, self._late = late_entries(scene.additional)
+            content, late = late_entries(scene.additional)
+            self._entering = tuple(e for e in late if e.name in self._convoy)
+            self._late = tuple(e for e in late if e.name not in self._convoy)
         sim.load_scene(scene, content)
 
     def begin(self) -> None:
         """Hold who waits for the ego."""
-        for vehicle in self._convoy:
+        for vehicle in self._there():
             self._sim.hold(vehicle)
         if self._silent and self._sim.is_there(WAITING_ID):
             self._sim.hold(WAITING_ID)
@@ -78,7 +82,10 @@ class JunctionTraffic:
         to_line = self._approach.to_line(ego)
         if self._is_time(to_line, ego.speed):
             self._waits = False
-            self._paces = {vehicle: self._sim.pace(vehicle) for vehicle in self._convoy}
+            self._let_in(self._entering, self._sim.time())
+            for entry in self._entering:
+                # For good in their lane.
+                self._sim.hold(entry.name)
             for vehicle in self._convoy:
                 self._sim.release(vehicle, heeds_priority=not self._silent)
         if not self._silent:
@@ -87,13 +94,16 @@ class JunctionTraffic:
             self._speak()
         elif self._plan is not None and not self._waits:
             late = self._late_for(self._plan, to_line, ego.speed)
+            there = self._there()
+            self._paces |= {name: self._sim.pace(name) for name in there if name not in self._paces}
             if late or self._hurries:
                 for vehicle, (speed, accel) in self._paces.items():
                     # One that has hurried does not brake for that.
                     own = max(speed, self._sim.speed(vehicle)), accel
                     self._sim.set_pace(vehicle, *((MAX_SPEED_MPS, MAX_ACCEL_MPS2) if late else own))
             self._hurries = late
-            self._sim.stop_before_end(self._convoy[0], HOLD_BEFORE_LINE_M, HOLD_BRAKE_MPS2)
+            if self._convoy[0] in there:
+                self._sim.stop_before_end(self._convoy[0], HOLD_BEFORE_LINE_M, HOLD_BRAKE_MPS2)
 
     def _is_time(self, to_line: float, speed: float) -> bool:
         """Is the convoy released at this tick?"""
@@ -106,9 +116,12 @@ class JunctionTraffic:
     def _late_for(self, plan: ConvoyPlan, to_line: float, speed: float) -> bool:
         """Is the convoy too late for the ego, if both do their utmost, unless it hurries from this tick on?"""
         lead = self._convoy[0]
-        own = earliest_arrival(
-            self._sim.to_lane_end(lead), self._sim.speed(lead), MAX_ACCEL_MPS2, MAX_SPEED_MPS
-        )
+        if self._sim.is_there(lead):
+            own_way, own_speed = self._sim.to_lane_end(lead), self._sim.speed(lead)
+        else:
+            first = self._entering[0]
+            own_way, own_speed = self._sim.entry(first.vtype, first.edges[0], first.lane)
+        own = earliest_arrival(own_way, own_speed, MAX_ACCEL_MPS2, MAX_SPEED_MPS)
         ego = earliest_arrival(to_line + plan.ego_zone_m, speed, MAX_ACCEL_MPS2, MAX_SPEED_MPS)
         return own + DT_S > ego + min(plan.after_s, REACHED_AFTER_S)
 
@@ -120,6 +133,14 @@ class JunctionTraffic:
         if self._sim.is_there(WAITING_ID):
             self._sim.release(WAITING_ID)
         if self._late:
-            delay = max(self._sim.time() + DT_S - self._late[0].depart, 0.0)
-            for car in self._late:
-                self._sim.add_car(car.name, car.vtype, car.edges, car.lane, round(car.depart + delay, 1))
+            self._let_in(self._late, max(self._sim.time() + DT_S, self._late[0].depart))
+
+    def _there(self) -> list[str]:
+        """Who of the convoy is on the road."""
+        return [vehicle for vehicle in self._convoy if self._sim.is_there(vehicle)]
+
+    def _let_in(self, cars: tuple[LateEntry, ...], at: float) -> None:
+        """Let cars enter, the first at a time (s), the others as much later as their scene has it."""
+        for car in cars:
+            depart = round(car.depart + at - cars[0].depart, 1)
+            self._sim.add_car(car.name, car.vtype, car.edges, car.lane, depart)

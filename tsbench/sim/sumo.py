@@ -215,6 +215,12 @@ class Simulation:
         v = libsumo.vehicle
         return float(libsumo.lane.getLength(v.getLaneID(vehicle)) - v.getLanePosition(vehicle))
 
+    def entry(self, vtype: str, edge: str, lane_order: int) -> tuple[float, float]:
+        """Metres to the lane's end, and speed (m/s), of a vehicle of this type that enters at the lane's start."""
+        lane, kind = f"{edge}_{lane_order}", libsumo.vehicletype
+        room = libsumo.lane.getLength(lane) - kind.getLength(vtype)
+        return float(room), float(min(kind.getMaxSpeed(vtype), libsumo.lane.getMaxSpeed(lane)))
+
     def speed(self, vehicle: str) -> float:
         """A vehicle's speed, m/s."""
         return float(libsumo.vehicle.getSpeed(vehicle))

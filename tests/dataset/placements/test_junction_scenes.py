@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -25,6 +24,7 @@ from tsbench.roads.network import Connection, RoadNetwork, read_network
 from tsbench.roads.planner_map import build_planner_map
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.catalog import load_catalog
+from tsbench.sim.junction_traffic import HOLD_BEFORE_LINE_M, HOLD_BRAKE_MPS2
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 
 TYPES = ("yield", "stop", "secondary_road", "main_road")
@@ -145,11 +145,10 @@ def test_the_convoy_meets_the_ego_and_sumo_lets_it_go_first(
     assert convoy.ego_zone_m == pytest.approx(zone.a_in)
     priority_lane = network.lane(convoy.lane)
     assert convoy.zone_m == pytest.approx(priority_lane.line.length + zone.b_in)
-    back = priority_lane.line.length - convoy.places[0]
-    assert recipe.number("convoy_nearest_m") - 1e-6 <= back <= recipe.number("convoy_farthest_m") + 1e-6
-    step = convoy.drivers[0].length + recipe.number("convoy_gap_m")
-    assert all(p - q == pytest.approx(step) for p, q in pairwise(convoy.places))
-    assert 1 <= len(convoy.places) <= recipe.number("convoy_most")
+    assert set(convoy.places) == {convoy.drivers[0].length}
+    assert 1 <= len(convoy.places) == len(convoy.departs) <= recipe.number("convoy_most")
+    assert list(convoy.departs) == sorted(set(convoy.departs))
+    assert convoy.departs[0] > 0.0
     assert convoy.edges[0] in a.quiet_edges
     # Nobody is between the ego and its line.
     assert (lane.id, a.start.s, lane.line.length) in a.blocked
@@ -393,8 +392,23 @@ def test_the_convoy_shows_what_it_does_when_the_ego_is_at_its_line(
     own = convoy.ego_zone_m / convoy.ego_turn_mps
     lead = (convoy.zone_m - networks[key].lane(convoy.lane).line.length) / convoy.drivers[0].speed
     assert convoy.after_s - lead >= recipe.number("convoy_shows_s") - own - 1e-6
+    # As the class of its road has it, and such that it can still stop before its line.
+    limit = networks[key].expected_speed(convoy.edges[0])
+    share = convoy.drivers[0].speed / limit
+    arm_m = networks[key].lane(convoy.lane).line.length
+    stops = (2.0 * HOLD_BRAKE_MPS2 * (arm_m - convoy.places[0] - HOLD_BEFORE_LINE_M)) ** 0.5
+    assert min(recipe.number("convoy_least_share"), stops / limit) - 1e-6 <= share
+    assert share <= min(recipe.number("convoy_most_share"), stops / limit) + 1e-6
     # No harder than a background driver brakes at most.
     assert convoy.drivers[0].decel <= 3.5
+
+
+def test_a_convoy_has_room_to_come_up(networks: dict[Key, RoadNetwork]) -> None:
+    key = ("yield", "X")
+    task = task_of(networks[key], key, 0)
+    roomy = replace(task.recipe, numbers={**task.recipe.numbers, "convoy_least_m": 900.0})
+    with pytest.raises(UnfitMapError, match="the convoy's arm is"):
+        placement_of(roomy).place(replace(task, recipe=roomy))
 
 
 def test_a_convoy_that_would_be_at_its_line_too_soon_is_none(networks: dict[Key, RoadNetwork]) -> None:

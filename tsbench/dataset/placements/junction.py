@@ -20,7 +20,15 @@ from tsbench.dataset.placements.junction_arms import (
     through_arms,
     with_priorities,
 )
-from tsbench.dataset.placements.junction_convoy import Conflict, conflicts, convoy, ego_speeds, line_lead
+from tsbench.dataset.placements.junction_convoy import (
+    SHARES,
+    Conflict,
+    conflicts,
+    convoy,
+    convoy_speed,
+    ego_speeds,
+    line_lead,
+)
 from tsbench.dataset.placements.placement import (
     Arrangement,
     ScenePlacement,
@@ -95,8 +103,8 @@ class GiveWayPlacement(ScenePlacement):
         require(max(lanes) - min(lanes) <= 1, f"roads of {min(lanes)} and {max(lanes)} lanes each way cross")
         options = conflicts(network, graph, arms, recipe.number("slowest_turn_mps"))
         require(bool(options), "no path of the ego meets one that has priority")
-        slow, latest = recipe.number("convoy_least_mps"), recipe.number("convoy_most_after_s")
-        options = [c for c in options if line_lead(task, c, slow) <= latest]
+        slow, latest = recipe.number(SHARES[0]), recipe.number("convoy_most_after_s")
+        options = [c for c in options if line_lead(task, c, convoy_speed(task, c, slow)) <= latest]
         require(bool(options), "who has priority shows what it does before the ego is at its line")
         chosen = options[variant.layout % len(options)]
         lane, exit_lane = network.lanes[chosen.ego.from_lane], network.lanes[chosen.ego.to_lane]
@@ -116,13 +124,13 @@ class GiveWayPlacement(ScenePlacement):
         turn, cruise = ego_speeds(task, chosen.ego)
         quiet_s = predicted_arrival(before, before, start.speed, cruise, turn)
         avoid = _others(network, arms, chosen)
-        waiting, room = _waiting(task, arms, avoid)
+        waiting, taken = _waiting(task, arms, avoid)
         return Arrangement(
             signs=signs, target=signs[0].id, start=start, destination=Destination(exit_lane.edge, end_s),
             closed_edges=bare, route_hint=route, route_length=end_s, convoy=cars, extra=waiting,
             avoid_turns=avoid, quiet_edges=frozenset({arms.ego_in, *arms.prior_in, *arms.minor_in}),
             platoons=frozenset(arms.prior_in), quiet_s=quiet_s,
-            blocked=(*keep_clear(passenger_lanes(network, lane.edge), start), *room),
+            blocked=(*keep_clear(passenger_lanes(network, lane.edge), start), *taken),
         )  # fmt: skip
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:

@@ -5,14 +5,15 @@ Source: docs/scenes.md, "Priority at junctions".
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 from tsbench.dataset.placements.junction_arms import Arms
 from tsbench.dataset.placements.placement import (
     ConvoySetup,
     SceneTask,
-    UnfitMapError,
     passenger_lanes,
+    require,
     start_speed,
 )
 from tsbench.geometry.angles import U_TURN
@@ -22,9 +23,14 @@ from tsbench.roads.junction_paths import junction_path
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import Connection, RoadNetwork
 from tsbench.sim.convoy import predicted_arrival
+from tsbench.sim.junction_traffic import HOLD_BEFORE_LINE_M, HOLD_BRAKE_MPS2
 from tsbench.sim.world import EGO_WIDTH_M
 
 _ONTO_EXIT_M = 15.0
+_LENGTH_M = 4.5
+_FIRST_ENTRY_S = 1.0
+# Least and most share of what the class of a convoy's road allows.
+SHARES = "convoy_least_share", "convoy_most_share"
 
 
 @dataclass(frozen=True)
@@ -58,6 +64,13 @@ def ego_speeds(task: SceneTask, c: Connection) -> tuple[float, float]:
     lane = task.network.lanes[c.from_lane]
     cruise = task.network.expected_speed(lane.edge)
     return task.recipe.number("ego_turn_ratio") * turn_speed(task.network, c), cruise
+
+
+def convoy_speed(task: SceneTask, chosen: Conflict, share: float) -> float:
+    """A share of the speed (m/s) of the convoy's road, slower where its arm is too short to stop on from that."""
+    lane = task.network.lanes[chosen.priority.from_lane]
+    room = max(lane.line.length - _LENGTH_M - HOLD_BEFORE_LINE_M, 1.0)
+    return min(share * task.network.expected_speed(lane.edge), math.sqrt(2.0 * HOLD_BRAKE_MPS2 * room))
 
 
 def line_lead(task: SceneTask, chosen: Conflict, speed: float) -> float:
@@ -103,45 +116,33 @@ def _links(network: RoadNetwork, graph: LaneGraph, edge: str) -> list[Connection
 
 
 def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
-    """One to two cars, the lead so far away that it needs a little less time than the ego and what it comes later.
+    """One to two cars that enter at the start of their arm, at their cruise speed, when the ego is near enough.
 
     Raises UnfitMapError.
     """
     network, recipe, rng = task.network, task.recipe, task.rng
     priority_lane, ego_lane = network.lanes[chosen.priority.from_lane], network.lanes[chosen.ego.from_lane]
+    arm_m = priority_lane.line.length
+    require(arm_m - _LENGTH_M >= recipe.number("convoy_least_m"), f"the convoy's arm is {arm_m:.0f} m long")
     turn, cruise = ego_speeds(task, chosen.ego)
     to_line = recipe.number("ego_before_line_m")
     v0 = start_speed(task, ego_lane)
     eta = predicted_arrival(to_line, to_line + chosen.zone.a_in, v0, cruise, turn)
-    speed = float(rng.uniform(recipe.number("convoy_least_mps"), recipe.number("convoy_most_mps")))
-    accel = recipe.number("convoy_accel_mps2")
+    speed = convoy_speed(task, chosen, float(rng.uniform(recipe.number(SHARES[0]), recipe.number(SHARES[1]))))
     least, most = recipe.number("convoy_least_after_s"), recipe.number("convoy_most_after_s")
     after = max(float(rng.uniform(least, most)), line_lead(task, chosen, speed))
     body = replace(
-        task.drivers[0], speed=speed, accel=accel, decel=recipe.number("convoy_decel_mps2"), headway=1.2, gap=2.0,
-        length=4.5, width=1.85,
+        task.drivers[0], speed=speed, accel=recipe.number("convoy_accel_mps2"),
+        decel=recipe.number("convoy_decel_mps2"), headway=1.2, gap=2.0, length=_LENGTH_M, width=1.85,
     )  # fmt: skip
-    reach = _reach(recipe.number("convoy_time_share") * eta + after, speed, 0.8 * accel)
-    back = min(
-        max(reach - chosen.zone.b_in, recipe.number("convoy_nearest_m")),
-        priority_lane.line.length - body.length - 1.0,
-        recipe.number("convoy_farthest_m"),
-    )
-    lead = priority_lane.line.length - back
     count = int(rng.integers(1, int(recipe.number("convoy_most")) + 1))
-    step = body.length + recipe.number("convoy_gap_m")
-    places = tuple(lead - k * step for k in range(count) if lead - k * step > body.length + 0.5)
-    if not places:
-        raise UnfitMapError(f"the main arm of {priority_lane.line.length:.0f} m has no room for a convoy")
+    way = arm_m + chosen.zone.b_in - body.length
+    first = max(round(eta + after - way / speed, 1), _FIRST_ENTRY_S)
+    step = body.headway + (body.length + body.gap) / speed
     return ConvoySetup(
-        drivers=tuple(body for _ in places), places=places, lane=priority_lane.id,
+        drivers=(body,) * count, places=(body.length,) * count, lane=priority_lane.id,
         edges=(priority_lane.edge, network.lanes[chosen.priority.to_lane].edge),
-        zone_m=priority_lane.line.length + chosen.zone.b_in, line_lane=ego_lane.id, ego_zone_m=chosen.zone.a_in,
+        zone_m=arm_m + chosen.zone.b_in, line_lane=ego_lane.id, ego_zone_m=chosen.zone.a_in,
         ego_cruise_mps=cruise, ego_turn_mps=turn, after_s=after, abrupt=True,
+        departs=tuple(round(first + k * step, 1) for k in range(count)),
     )  # fmt: skip
-
-
-def _reach(time: float, speed: float, accel: float) -> float:
-    """Way that a car from standstill covers: a ramp up to its cruise speed, then on with that."""
-    ramp = min(speed / accel, time)
-    return 0.5 * accel * ramp * ramp + speed * (time - ramp)

@@ -52,6 +52,18 @@ def _vehicle(
     return vehicle
 
 
+def _entering(
+    name: str, vtype: str, lane_order: int, place: str, depart: float, edges: Sequence[str]
+) -> etree._Element:
+    """A vehicle that comes at a time (s), as fast as is safe."""
+    vehicle = etree.Element(
+        "vehicle", id=name, type=vtype, depart=_num(depart), departLane=str(lane_order), departPos=place,
+        departSpeed="max",
+    )  # fmt: skip
+    etree.SubElement(vehicle, "route", edges=" ".join(edges))
+    return vehicle
+
+
 def driver_types(drivers: Sequence[Driver]) -> list[etree._Element]:
     """One vehicle type per background driver: `bg0`, `bg1`, ..."""
     return [_vtype(f"bg{k}", d, "0.6,0.6,0.65") for k, d in enumerate(drivers)]
@@ -59,16 +71,11 @@ def driver_types(drivers: Sequence[Driver]) -> list[etree._Element]:
 
 def background(cars: Sequence[Car]) -> list[etree._Element]:
     """Background cars with their routes, each as fast at first as is safe."""
-    elements = []
-    for car in cars:
-        place = "base" if car.position is None else _num(car.position)
-        element = etree.Element(
-            "vehicle", id=car.id, type=f"bg{car.driver}", depart=_num(car.depart), departLane=str(car.lane),
-            departPos=place, departSpeed="max",
-        )  # fmt: skip
-        etree.SubElement(element, "route", edges=" ".join(car.edges))
-        elements.append(element)
-    return elements
+    places = ("base" if car.position is None else _num(car.position) for car in cars)
+    return [
+        _entering(car.id, f"bg{car.driver}", car.lane, place, car.depart, car.edges)
+        for car, place in zip(cars, places, strict=True)
+    ]
 
 
 def ego_elements(start: EgoStart, network: RoadNetwork, route: Sequence[str]) -> list[etree._Element]:
@@ -84,16 +91,19 @@ def ego_elements(start: EgoStart, network: RoadNetwork, route: Sequence[str]) ->
 
 def convoy_elements(
     drivers: Sequence[Driver], stands: Sequence[tuple[float, int, Sequence[str]]], vclass: str = "passenger",
-    abrupt: bool = False,
+    abrupt: bool = False, departs: Sequence[float] = (),
 ) -> list[etree._Element]:  # fmt: skip
     """The convoy that the ego meets, first one in front. stands: of each its front's place, lane order and route.
 
-    abrupt: they brake no sooner than they must.
+    abrupt: they brake no sooner than they must. departs: as of a ConvoySetup.
     """
     elements: list[etree._Element] = []
     for k, (driver, (place, lane_order, edges)) in enumerate(zip(drivers, stands, strict=True)):
         elements.append(_vtype(f"convoy{k}", driver, "yellow", vclass, abrupt=abrupt))
-        elements.append(_vehicle(f"convoy_{k}", f"convoy{k}", lane_order, place, 0.0, edges))
+        if departs:
+            elements.append(_entering(f"convoy_{k}", f"convoy{k}", lane_order, "base", departs[k], edges))
+        else:
+            elements.append(_vehicle(f"convoy_{k}", f"convoy{k}", lane_order, place, 0.0, edges))
     return elements
 
 

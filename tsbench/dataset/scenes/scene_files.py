@@ -127,7 +127,7 @@ class SceneFileWriter:
             (place, lane.order, c.edges[c.edges.index(lane.edge) :])
             for place, lane in zip(c.places, lanes, strict=True)
         ]
-        return convoy_elements(c.drivers, stands, c.vclass, c.abrupt)
+        return convoy_elements(c.drivers, stands, c.vclass, c.abrupt, c.departs)
 
     def _convoy_plan(self) -> ConvoyPlan:
         c = self.a.convoy
@@ -201,7 +201,8 @@ class SceneFileWriter:
         self.sim.load_scene(scene)
         self.sim.start_ego(start_motion(scene), lane.edge, lane.order)
         present = {name for name, *_ in self.sim.fleet()}
-        wanted = {f"convoy_{k}" for k in range(len(a.convoy.places))} if a.convoy else set()
+        stands = range(len(a.convoy.places)) if a.convoy and not a.convoy.departs else ()
+        wanted = {f"convoy_{k}" for k in stands}
         wanted |= {o.id for o in a.obstacles} | {str(e.get("id")) for e in a.extra if e.tag == "vehicle"}
         missing = sorted(wanted - present)
         if missing:

@@ -244,7 +244,8 @@ def ego_body(x: float, y: float, heading: float) -> Body:
 def staged_bodies(scene: Scene) -> list[Body]:
     """All cars that the scene itself is made of, and its held pedestrians.
 
-    Not the ego, the background's cars, nor what stands for an obstacle. Kind `convoy`: held until the ego comes.
+    Not the ego, the background's cars, nor what stands for an obstacle. Kind `convoy`: held until the ego comes; at its
+    entry if it enters only then.
     """
     root = read_additional(scene.additional.path, scene.additional.content)
     return [*_cars(scene, root), *_walkers(scene, root)]
@@ -266,7 +267,9 @@ def _cars(scene: Scene, root: etree._Element) -> Iterator[Body]:
         lanes = scene.network.edge_lanes(str(route.get("edges", "")).split()[0])
         lane = lanes[min(int(vehicle.get("departLane", 0)), len(lanes) - 1)]
         # SUMO counts along the lane's own length, which may differ from that of its drawn line.
-        s = (float(vehicle.get("departPos", 0)) - length / 2) * lane.line.length / lane.length
+        place = vehicle.get("departPos", "base")
+        front = length if place == "base" else float(place)
+        s = (front - length / 2) * lane.line.length / lane.length
         x, y = lane.line.point_at(s)
         kind = "car" if vtype is None or vtype.get("vClass") != _BICYCLE else _BICYCLE
         shown = "convoy" if name in held and kind != _BICYCLE else kind
