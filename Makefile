@@ -169,7 +169,7 @@ FILM := runs/film
 FILMED := idm plant2-ft
 film: setup
 	$(BIN)/tsbench run $(addprefix --planner ,$(FILMED)) --split dev --types yield --variants 0 --trace all --workers $(WORKERS) --out $(FILM)
-	$(BIN)/python packaging/pair_film.py $(FILM) yield-j-msk-b9f3684559-v0 docs/images/pair.gif $(FILMED)
+	$(BIN)/python packaging/pair_film.py $(FILM) yield-j-msk-9109661741-v0 docs/images/pair.gif $(FILMED)
 
 # Pictures of the site for docs/install.md, in Chromium.
 site-pictures: docs

@@ -18,7 +18,7 @@ from tsbench.scenarios.table import read_table, table_path
 
 ROOT = Path(__file__).resolve().parents[2]
 FILM = ROOT / "docs/images/pair.gif"
-PAIR = "yield-j-msk-b9f3684559-v0"
+PAIR = "yield-j-msk-9109661741-v0"
 PLANNERS = ("idm", "blind")
 
 

@@ -43,7 +43,7 @@ def test_the_plate_is_drawn_beneath_the_plate_of_priority(
 
 def test_lines_lie_where_the_plates_put_them(rows: dict[tuple[str, str], ScenarioSpec]) -> None:
     """The same junctions with the plates of both halves."""
-    asked = {"2.1": None, "2.3.2": None, "2.4": "give_way", "2.5": "stop"}
+    asked = {**dict.fromkeys(("2.1", "2.3.1", "2.3.2", "2.3.3")), "2.4": "give_way", "2.5": "stop"}
     seen = set()
     for kind in ("main_road", "yield", "stop", "secondary_road"):
         for half in ("signed", "contrast"):
@@ -55,7 +55,7 @@ def test_lines_lie_where_the_plates_put_them(rows: dict[tuple[str, str], Scenari
                 seen.add(sign.code)
                 for index in scene.network.edges[sign.edge].lanes:
                     assert lines.get(index) == asked[sign.code], (kind, half, sign.code)
-    assert seen == {*asked}
+    assert seen > {"2.1", "2.4", "2.5"}
 
 
 def test_a_crossing_has_stripes_where_its_plate_stands(rows: dict[tuple[str, str], ScenarioSpec]) -> None:
@@ -76,7 +76,7 @@ def test_the_plate_is_a_picture_of_its_roads() -> None:
 
 
 def test_the_reserved_lane_is_the_plates_in_each_half(rows: dict[tuple[str, str], ScenarioSpec]) -> None:
-    """In both halves two lanes are closed to cars; the plate reserves another one in each."""
+    """In both halves two lanes are closed to cars; each half's plate reserves another one."""
     found = []
     for half in ("signed", "contrast"):
         scene = scene_of(rows, "bus_lane", half)

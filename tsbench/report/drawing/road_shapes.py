@@ -81,6 +81,10 @@ def mark_shapes(network: RoadNetwork, signs: Sequence[SignInstance] = ()) -> Ite
     a fork, except where a plate of the scene says which ways are open: the other half's plate says otherwise.
     """
     reserved = {name for s in signs if isinstance(s.params, ReservedLaneParams) for name in s.params.lanes}
+    # Of plates that bind others: the lane that each names.
+    rules = {s.code: load_catalog().sign(s.code).rule.name for s in signs}
+    others = (s for s in signs if s.params is None and s.lane >= 0 and rules[s.code] == "reserved_lane")
+    reserved |= {network.edge_lanes(s.edge)[s.lane].id for s in others}
     for name in sorted(reserved):
         lane = network.lane(name)
         # Between the lines at its sides.
