@@ -22,8 +22,6 @@ from tsbench.sim.world import ActorKind
 _BRAKE_MPS2 = 2.5
 _STANDS_MPS = 0.2
 _LOOK_M, _BESIDE_M = 70.0, 4.0
-# Which plate ends which limit; a limit that is no lower than the road's own asks for nothing.
-_ENDS, _LOWER = {"3.24": "3.25", "5.31": "5.32", "5.21": "5.22"}, 0.95
 # Seeds that were met in this process, by any object.
 _MET: set[int] = set()
 
@@ -129,26 +127,6 @@ class Follows:
             if 0.0 < s - route.s < _LOOK_M and abs(d) < _BESIDE_M and speed > _STANDS_MPS:
                 speeds.append(speed)
         return Control(min(command.acceleration, min(speeds) - ego.speed), command.steering)
-
-
-class Unended:
-    """`idm`, and never faster than the lowest limit in its first sight whose end is not in sight, wherever both are."""
-
-    floor = True
-
-    def reset(self, context: PlannerContext) -> None:
-        self._base, self._cap = Idm(), math.inf
-        self._base.reset(context)
-
-    def act(self, observation: Observation) -> Control:
-        command, ego, route = self._base.act(observation), observation.ego, observation.route
-        if observation.step == 0:
-            plates = [(plate.code, plate.value) for plate in observation.signs]
-            unended = [v / 3.6 for c, v in plates if v and c in _ENDS and (_ENDS[c], v) not in plates]
-            self._cap = min(
-                (v for v in unended if v < _LOWER * route.path.limit_at(route.s)), default=math.inf
-            )
-        return _capped(command, ego.speed, self._cap)
 
 
 class Between:

@@ -15,7 +15,7 @@ from tsbench.sim.junction_traffic import JunctionTraffic
 ROOT = Path(tsbench.__file__).parent.parent
 WATCHERS = ("Stands", "Creeps", "Dips")
 WHERE = dict.fromkeys(
-    ("Remembers", *WATCHERS, "Follows", "Unended", "Between", "Rushes", "Hastens"), "attacks"
+    ("Remembers", *WATCHERS, "Follows", "Between", "Rushes", "Hastens"), "attacks"
 ) | dict.fromkeys(("Peeks", "Lowest"), "peeks")
 TYPES = ("main_road", "yield", "speed_limit")
 
@@ -66,9 +66,9 @@ def test_who_is_slow_everywhere_keeps_below_what_the_road_allows(run: tsbench.Ru
 
 
 def test_who_rushes_is_let_through_where_no_convoy_hurries(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The attack does what it is named for: without what stops it, it passes most pairs."""
-    rows_there = [r for r in read_table(table_path("dev")) if r.pair_type == "secondary_road"][:8]
-    assert len({r.pair_id for r in rows_there}) == 4
+    """The attack does what it is named for: without what stops it, it passes half of the pairs."""
+    rows_there = [r for r in read_table(table_path("dev")) if r.pair_type == "main_road"]
+    assert len({r.pair_id for r in rows_there}) == 10
 
     def passed() -> set[str]:
         driven = [
@@ -79,4 +79,4 @@ def test_who_rushes_is_let_through_where_no_convoy_hurries(monkeypatch: pytest.M
 
     assert passed() == set()
     monkeypatch.setattr(JunctionTraffic, "_late_for", lambda *_: False)
-    assert len(passed()) >= 3
+    assert len(passed()) >= 4
