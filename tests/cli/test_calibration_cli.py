@@ -85,7 +85,7 @@ def test_prints_distances_and_draws(folder: Path, tmp_path: Path, capsys: pytest
     assert (out / "calibration.png").read_bytes()[:4] == b"\x89PNG"
     assert "<svg" in (out / "calibration.svg").read_text()
     (first, *_) = csv.DictReader((out / "calibration.csv").read_text().splitlines())
-    assert [first[k] for k in ("quantity", "n", "near", "goal")] == ["initial speed", "1", "missed", "missed"]
+    assert [first[k] for k in ("quantity", "n", "goal")] == ["initial speed", "1", "missed"]
     assert "Calibration of traffic: scenarios (test split)" in (out / "calibration.tex").read_text()
 
 

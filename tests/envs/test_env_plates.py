@@ -20,7 +20,7 @@ from tsbench.signs.model import OUTLINES
 
 
 def shown(plate: SignView) -> tuple[object, ...]:
-    return plate.code, plate.value, plate.x, plate.y, plate.heading, plate.edge, plate.lane
+    return plate.code, plate.value, plate.x, plate.y, plate.heading, plate.edge, plate.lane, plate.outline
 
 
 def test_halves_whose_plates_differ_are_shown_differently() -> None:

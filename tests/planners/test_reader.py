@@ -14,9 +14,9 @@ READER, CAREFUL = (f"tsbench.planners.reader:{name}" for name in ("Reader", "Car
 
 
 def passed(planner: str, right: float | None, kind: str = "direction_right") -> list[bool]:
-    """SCD of the signed and the contrast half of dev's first pair of a type. right: share read; None: exact eyes."""
+    """SCD of the signed and the contrast half of dev's last pair of a type. right: share read; None: exact eyes."""
     rows = [r for r in read_table(table_path("dev")) if r.pair_type == kind]
-    halves = sorted((r for r in rows if r.pair_id == rows[0].pair_id), key=lambda r: r.half, reverse=True)
+    halves = sorted((r for r in rows if r.pair_id == rows[-1].pair_id), key=lambda r: r.half, reverse=True)
     level = EXACTLY
     if right is not None:
         poor = load_level("poor")

@@ -20,20 +20,22 @@ BLOCKED = "entered_while_blocked"
 def drives() -> dict[str, Trace]:
     """`idm` in the first scene of some types and halves; it reads no sign."""
     runner = EpisodeRunner(resolve("idm"))
-    wanted = {(kind, half) for kind in ("main_road", "yield") for half in ("signed", "contrast")}
+    wanted = {("yield", half) for half in ("signed", "contrast")}
     found: dict[str, Trace] = {}
     for row in read_table(table_path("dev")):
         name = f"{row.pair_type} {row.half}"
-        if name not in found and (row.pair_type, row.half) in wanted | {("speed_limit", "signed")}:
+        again = name == "yield signed" and BLOCKED not in found
+        if (again or name not in found) and (row.pair_type, row.half) in wanted | {("speed_limit", "signed")}:
             trace = trace_of(runner.run(row))
-            # Somebody with priority is there in every scene, but not always as near as the rule forbids.
-            if name != "main_road signed" or any(e.clause == BLOCKED for e in trace.events):
-                found[name] = trace
+            found.setdefault(name, trace)
+            # A graver clause about the vehicle that comes first would hide its gap.
+            if name == "yield signed" and {e.clause for e in trace.events} == {BLOCKED}:
+                found[BLOCKED] = trace
     return found
 
 
 def test_at_the_entry_it_is_what_the_rule_measured(drives: dict[str, Trace]) -> None:
-    trace = drives["main_road signed"]
+    trace = drives[BLOCKED]
     event = next(e for e in trace.events if e.clause == BLOCKED)
     curve = times_to_conflict(trace, load_scene(trace.spec))
     assert curve is not None

@@ -103,7 +103,7 @@ def test_a_failed_export_leaves_the_file_before_it_and_no_other(tmp_path: Path) 
     out = tmp_path / "out" / "ticks.parquet"
     out.parent.mkdir()
     out.write_bytes(b"before")
-    with pytest.raises(SimulationError, match="the recorded drive ended"):
+    with pytest.raises(SimulationError, match="the replay differs"):
         export(tmp_path / "t.parquet", "dev", out)
     assert [(path.name, path.read_bytes()) for path in out.parent.iterdir()] == [("ticks.parquet", b"before")]
 

@@ -30,7 +30,7 @@ from tsbench.run.progress import ProgressWatcher
 from tsbench.run.session import run
 
 FILE = Path(hostile.__file__)
-SCENE = "main_road-j-msk-45e4c9668c-v1"
+SCENE = "main_road-j-msk-04a4d86d4d-v1"
 CHEATS = (
     "ByTable", "ByFile", "ByGc", "Teleports", "RemovesTraffic", "PatchesScorer", "PatchesEnding", "PatchesMonitors",
 )  # fmt: skip
