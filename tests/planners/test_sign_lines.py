@@ -71,7 +71,7 @@ def looks_of(loop: EpisodeLoop, row: ScenarioSpec) -> Iterator[Look]:
     for tick in range(TICKS.stop):
         o = asked
         assert isinstance(o, Observation)
-        for sign in o.signs if tick in TICKS else ():
+        for sign in (s for s in o.signs if s.code) if tick in TICKS else ():
             own = (sign.x, sign.y, sign.code) == (target.x, target.y, target.code)
             yield Look(
                 row.scenario_id, sign, load_catalog().sign(sign.code).placement.reference,

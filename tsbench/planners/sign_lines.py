@@ -15,11 +15,11 @@ def line_ahead(context: PlannerContext, observation: Observation, sign: SignView
     """Distance along the route from the ego's front to the line that the sign's rule judges, negative once past.
 
     Signs of a junction are judged at the end of their edge; a pedestrian crossing at the near side of its strip; all
-    others where the plate stands. inf: the plate's edge is not on the route, or the plate is masked.
+    others where the plate stands. inf: the plate's edge is not on the route, or its code is not told.
     """
     roads, route = context.network, observation.route
     lane = _lane_on(roads, route.path, sign.edge) if sign.edge else None
-    if lane is None:
+    if lane is None or not sign.code:
         return math.inf
     reference = load_catalog().sign(sign.code).placement.reference
     if reference == "crossing":
