@@ -82,15 +82,18 @@ def _save(
 
 def _panels(pairs: Sequence[tuple[ScenarioSpec, ScenarioSpec | None]], run: Path | None) -> Iterator[Panel]:
     for signed, other in pairs:
-        yield from (_panel(row, run) for row in (signed, other) if row is not None)
-        if other is None:
+        yield _panel(signed, other, run)
+        if other is not None:
+            yield _panel(other, signed, run)
+        else:
             yield f"{signed.scenario_type}\nno contrast half", np.full(_shape(), STYLE.panel, dtype=np.uint8)
 
 
-def _panel(row: ScenarioSpec, run: Path | None) -> Panel:
+def _panel(row: ScenarioSpec, other: ScenarioSpec | None, run: Path | None) -> Panel:
     scene, text = load_scene(row), f"{row.scenario_id}\nsign {row.sign_code} {row.half}"
     if run is None:
-        page = scene_picture(scene, row.scenario_id, _VIEW, map_id=row.map_id)
+        beside = None if other is None else load_scene(other)
+        page = scene_picture(scene, row.scenario_id, _VIEW, map_id=row.map_id, beside=beside)
         return text, np.ascontiguousarray(page[_VIEW.header_px : -_VIEW.footer_px])
     trace = read_trace(find_trace(run, row.scenario_id))
     page = moment(trace, scene)[PNG_SIZE.header_px : -PNG_SIZE.footer_px]

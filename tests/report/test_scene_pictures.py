@@ -244,7 +244,7 @@ def test_a_country_changes_the_caption_only(trace: Trace, scene: Scene) -> None:
     around = np.array([(60.0, 0.0), (120.0, -8.0)])
     eyes = [BirdsEye(trace, scene, SIZE, around, follow=False, country=c) for c in (None, country)]
     pages = [eye.page(10) for eye in eyes]
-    pictures = [scene_picture(scene, "title", SIZE, c) for c in (None, country)]
+    pictures = [scene_picture(scene, "title", SIZE, country=c) for c in (None, country)]
     for own, foreign in (pages, pictures):
         rows = np.flatnonzero((own != foreign).any(axis=(1, 2)))
         assert rows.size

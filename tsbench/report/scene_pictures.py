@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
@@ -18,7 +17,6 @@ from tsbench.report.drawing.lettering import write
 from tsbench.report.drawing.paint import paint, plate_px, save_png
 from tsbench.report.drawing.road_shapes import ground_shapes, road_shapes
 from tsbench.report.drawing.scene_shapes import furniture_shapes, start_shapes, way_off, way_shapes
-from tsbench.report.drawing.shapes import Body, Line
 from tsbench.report.episode_files import FileKind
 from tsbench.report.film import render_gif, render_mp4
 from tsbench.report.wording import scene_facts
@@ -31,7 +29,7 @@ FORMATS = ("png", "gif", "mp4")
 PNG_SIZE = PageSize(1400, 1050)
 _PLATE_NEAR_M = 90.0
 # Of a scene: room around what it has, and px per m.
-_MARGIN_M, _SCALES = 14.0, (1.5, 12.0)
+_MARGIN_M, _SCALES = 14.0, (0.7, 12.0)
 _LEGEND = {
     "ego": "ego at its start",
     "destination": "destination",
@@ -111,15 +109,22 @@ def render_scene_png(
 
 
 def scene_picture(
-    scene: Scene, title: str, size: PageSize = PNG_SIZE, country: Country | None = None, map_id: str = ""
+    scene: Scene,
+    title: str,
+    size: PageSize = PNG_SIZE,
+    *,
+    country: Country | None = None,
+    map_id: str = "",
+    beside: Scene | None = None,
 ) -> Image:
+    """The picture of a scene, (height, width, 3) RGB. beside: the other half, whose picture has the same frame."""
     ways = list(way_shapes(scene, LaneGraph(scene.network)))
     staged = list(start_shapes(scene))
     page = np.full((size.height, size.width, 3), STYLE.panel, dtype=np.uint8)
     view = page[size.header_px : size.height - size.footer_px]
     view[:] = STYLE.ground
-    camera = _camera(scene, _points(scene, ways, staged), size)
-    roads = (*ground_shapes(map_id), *road_shapes(scene.network))
+    camera = _camera(scene, np.concatenate([_points(half) for half in (scene, beside or scene)]), size)
+    roads = (*ground_shapes(map_id), *road_shapes(scene.network, scene.signs))
     paint(view, camera, (*roads, *ways, *furniture_shapes(scene, country), *staged))
     draw_scale_bar(view, camera.scale)
     draw_attribution(view)
@@ -141,11 +146,11 @@ def _camera(scene: Scene, points: Array, size: PageSize) -> Camera:
     return camera
 
 
-def _points(scene: Scene, ways: Sequence[Line], staged: Sequence[Body]) -> Array:
+def _points(scene: Scene) -> Array:
+    """What a picture shows: all plates, the ways, and who is there at the start."""
     goal = scene.network.edge_lanes(scene.destination.edge)[0].line.point_at(scene.destination.s)
-    sign = scene.target_sign
-    alone = [(sign.x, sign.y), goal, *((body.x, body.y) for body in staged)]
-    return np.concatenate((alone, *(way.points for way in ways)))
+    alone = [*((s.x, s.y) for s in scene.signs), *((body.x, body.y) for body in start_shapes(scene)), goal]
+    return np.concatenate((alone, *(way.points for way in way_shapes(scene, LaneGraph(scene.network)))))
 
 
 def _legend(footer: Image, shown: set[str]) -> None:

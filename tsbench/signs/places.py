@@ -16,7 +16,7 @@ from tsbench.signs.reading import read_file
 Place = Literal[
     "line", "junction", "priority", "choice", "shown", "open_road", "one_way_across", "obstacle", "several_lanes",
     "by_its_lane", "kerb_lane", "contraflow", "mouth", "unentered", "entered", "begin", "road_speed",
-    "not_before_yield", "crossing", "ring", "alone",
+    "not_before_yield", "crossing", "ring", "alone", "both_ways",
 ]  # fmt: skip
 PLACES: tuple[Place, ...] = get_args(Place)
 
@@ -26,13 +26,15 @@ class Distances:
     """Bounds of the places.
 
     mouth_m: from the junction to a plate at its road's beginning. zone_m: from a begin to its end at least.
-    slack_m: of a plate at a line, a crossing or an obstacle. ring_m: the longest ring. same_arm_deg: two carriageways
-    of one arm point within this.
+    slack_m: of a plate at a line, a crossing or an obstacle. beside_m: along a road, between the plates of its two
+    directions at one border or crossing. ring_m: the longest ring. same_arm_deg: two carriageways of one arm point
+    within this.
     """
 
     mouth_m: float
     zone_m: float
     slack_m: float
+    beside_m: float
     ring_m: float
     same_arm_deg: float
 

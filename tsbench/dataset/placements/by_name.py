@@ -16,7 +16,7 @@ from tsbench.dataset.placements.min_speed import MinSpeedPlacement
 from tsbench.dataset.placements.placement import ScenePlacement
 from tsbench.dataset.placements.reserved_lane import ReservedLanePlacement
 from tsbench.dataset.placements.roundabout import RoundaboutPlacement
-from tsbench.dataset.placements.speed_zone import SpeedZonePlacement
+from tsbench.dataset.placements.speed_zone import SpeedZonePlacement, ZonePlacement
 from tsbench.dataset.scenes.recipe import Recipe
 
 PLACEMENTS: Mapping[str, Callable[[Recipe], ScenePlacement]] = MappingProxyType(
@@ -25,6 +25,7 @@ PLACEMENTS: Mapping[str, Callable[[Recipe], ScenePlacement]] = MappingProxyType(
         "roundabout": RoundaboutPlacement,
         "crosswalk": CrosswalkPlacement,
         "speed_zone": SpeedZonePlacement,
+        "zone": ZonePlacement,
         "min_speed": MinSpeedPlacement,
         "detour": DetourPlacement,
         "closed_road": ClosedRoadPlacement,

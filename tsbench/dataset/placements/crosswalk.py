@@ -18,7 +18,7 @@ from tsbench.dataset.placements.crosswalk_net import (
     kerb_to_kerb,
     path_name,
     to_crossing,
-    with_crossing,
+    with_crossings,
 )
 from tsbench.dataset.placements.placement import (
     Arrangement,
@@ -39,7 +39,7 @@ from tsbench.roads.destination import Destination
 from tsbench.roads.network import Lane
 from tsbench.roads.road_map import Crossing
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.signs.annotations import DISTRACTOR
+from tsbench.signs.annotations import DISTRACTOR, TARGET
 from tsbench.signs.contrast import ContrastClause, PassageParams
 from tsbench.signs.plate_params import CrosswalkParams, ZoneParams
 from tsbench.sim.convoy import predicted_arrival
@@ -57,13 +57,17 @@ class _Walker:
 
 
 class CrosswalkPlacement(ScenePlacement):
-    """`crosswalk`: a crossing in the middle of a corridor; people set off so that the first meets the ego there."""
+    """`crosswalk`: a crossing in the middle of a corridor; people set off so that the first meets the ego there.
+
+    Behind the ego's destination is another one, which nobody crosses. At each the plates of both directions are alike:
+    5.19 at the first and a limit, which slows no vehicle, at the second; in the contrast half they are exchanged.
+    """
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
-        """The road with its crossing and footpaths."""
+        """The road with its crossings and footpaths."""
         edge = next(e for e in plain.edges if e.id == row.fields["edge"])
         other = next((e for e in plain.edges if e.id == row.fields.get("opposite")), None)
         most = int(recipe.number("most_lanes"))
@@ -73,25 +77,33 @@ class CrosswalkPlacement(ScenePlacement):
         require(other.num_lanes <= most, "more lanes in the other direction")
         at = recipe.number("ego_before_crossing_m") + recipe.number("start_room_m") + EGO_LENGTH_M
         length = Polyline(edge.shape).length
-        require(at <= length - recipe.number("least_after_m"), f"the corridor is {length:.0f} m long")
-        return with_crossing(plain, edge, other, at, recipe)
+        second = at + recipe.number("crossings_apart_m")
+        require(second <= length - recipe.number("least_after_m"), f"the corridor is {length:.0f} m long")
+        return with_crossings(plain, edge, other, (at, second), recipe)
 
     def place(self, task: SceneTask) -> Arrangement:
         """The ego 90 m before the crossing; the preset by layout, lane and sides drawn."""
         row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
-        first, last = (f"{row.fields['edge']}.{k}" for k in range(2))
+        first, last, beyond = (f"{row.fields['edge']}.{k}" for k in range(3))
         crossing = next(c for c in network.crossings.values() if first in c.edges)
         lanes = passenger_lanes(network, first)
         lane = lanes[int(task.rng.integers(len(lanes)))]
         ahead = to_crossing(lane, crossing)
         start_s = lane.line.length + ahead - recipe.number("ego_before_crossing_m") - EGO_LENGTH_M / 2
         require(start_s >= EGO_LENGTH_M / 2, f"{lane.line.length:.0f} m of road before the crossing")
-        end = network.edge_lanes(first)[0].line.length
-        sign = plate_beside(network, self.code, first, end, CrosswalkParams(crossing.id, last))
-        facing = f"{row.fields['opposite']}.0"
-        other = plate_beside(
-            network, recipe.choices["contrast_plates"][0], facing, network.edge_lanes(facing)[0].line.length,
-            number=1, role=DISTRACTOR, value=self._limit(task, (first, last)),
+        facing = [f"{row.fields['opposite']}.{k}" for k in (1, 0)]
+        limit: tuple[str, float | None] = (
+            recipe.choices["contrast_plates"][0],
+            self._limit(task, (first, last, beyond)),
+        )
+        posts = zip((first, facing[0], last, facing[1]), 2 * [(self.code, None)] + 2 * [limit], strict=True)
+        signs = tuple(
+            plate_beside(
+                network, code, edge, network.edge_lanes(edge)[0].line.length,
+                None if k else CrosswalkParams(crossing.id, last), number=k, role=DISTRACTOR if k else TARGET,
+                value=value,
+            )
+            for k, (edge, (code, value)) in enumerate(posts)
         )  # fmt: skip
         before = {side: _before_strip(crossing, lane, ahead, side) for side in SIDES}
         walkers = self._walkers(task, crossing, before)
@@ -112,32 +124,35 @@ class CrosswalkPlacement(ScenePlacement):
         room = network.edge_lanes(last)[0].line.length - recipe.number("end_before_edge_m")
         end_s = variant.route_end(0.0, room)
         return Arrangement(
-            signs=(sign, other), target=sign.id, start=start, destination=Destination(last, end_s),
+            signs=signs, target=signs[0].id, start=start, destination=Destination(last, end_s),
             route_hint=(first, last), route_length=end_s,
             extra=_elements(task, walkers, crossing, max(wait - plan.lead_time_s, 0.0)), walkers=plan,
             blocked=keep_clear(lanes, start),
         )  # fmt: skip
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
-        """The two plates exchanged, so that the limit, which slows no vehicle, faces the ego and 5.19 faces oncoming
-        traffic; the same people wait until the ego is past.
+        """The plates of the two crossings exchanged; the same people wait until the ego is past.
 
         The network stays the same: where SUMO's cars let people cross in one half alone, they would tell the plate.
         """
         del task
-        (sign, other), first, last = signed.signs, *signed.route_hint
+        first, last = signed.route_hint
         assert signed.walkers is not None
-        params = sign.params_as(CrosswalkParams)
+        params = signed.signs[0].params_as(CrosswalkParams)
         passage = PassageParams(first, last, crossing=(params.crossing,))
-        plate = replace(sign, code=other.code, value=other.value, params=ZoneParams((first, last)))
-        other = replace(other, code=sign.code, value=None)
+        others = (*signed.signs[2:], *signed.signs[:2])
+        plate, *rest = (
+            replace(sign, code=other.code, value=other.value)
+            for sign, other in zip(signed.signs, others, strict=True)
+        )
+        plate = replace(plate, params=ZoneParams((first, last)))
         return replace(
-            signed, signs=(plate, other), walkers=replace(signed.walkers, until_past=True),
+            signed, signs=(plate, *rest), walkers=replace(signed.walkers, until_past=True),
             contrast=tuple(ContrastClause(name, passage) for name in ("needless_stop", "needless_yield")),
         )  # fmt: skip
 
     @staticmethod
-    def _limit(task: SceneTask, edges: tuple[str, str]) -> float:
+    def _limit(task: SceneTask, edges: tuple[str, ...]) -> float:
         """The contrast half's limit, km/h: one of the road's class, and no less than the road's own."""
         recipe = task.recipe
         road = max(task.network.expected_speed(edge) for edge in edges) / KMH

@@ -1,7 +1,7 @@
-"""A corridor with a pedestrian crossing: how its network is made, and where its kerbs are. Units: m.
+"""A corridor with two pedestrian crossings: how its network is made, and where their kerbs are. Units: m.
 
-The crossing leads over the whole road, both directions where there are two. A footpath comes up to it from either side,
-square to the road, so that lanes keep their numbers and who walks along one means to cross.
+A crossing leads over both directions of the road. A footpath comes up to it from either side, square to the road, so
+that lanes keep their numbers and whoever walks along one means to cross.
 """
 
 from __future__ import annotations
@@ -25,42 +25,47 @@ _BEND_WINDOW_M = 6
 _BEND_AFTER_M = 20.0
 
 
-def path_name(edge: str, side: str) -> str:
-    """Id of the footpath on one side of a corridor's edge."""
-    return f"{edge}.path_{side}"
+def path_name(edge: str, side: str, number: int = 0) -> str:
+    """Id of the footpath on one side of a corridor's edge at its first or second crossing."""
+    return f"{edge}.path{number}_{side}"
 
 
-def with_crossing(plain: PlainNet, edge: PlainEdge, other: PlainEdge, at: float, recipe: Recipe) -> PlainNet:
-    """The road cut in two `at` m along `edge`, and there crossed; `other`: the edge of the opposite direction."""
-    line = Polyline(edge.shape)
-    x, y = line.point_at(at)
-    node = f"{edge.id}.cut1"
-    net, parts = split_edge(plain, edge.id, (at,))
+def with_crossings(
+    plain: PlainNet, edge: PlainEdge, other: PlainEdge, at: tuple[float, float], recipe: Recipe
+) -> PlainNet:
+    """The road cut at two places along `edge`, and there crossed; `other`: the edge of the opposite direction."""
+    line, across = Polyline(edge.shape), Polyline(other.shape)
+    net, parts = split_edge(plain, edge.id, at)
+    places = [line.point_at(s) for s in at]
+    facing = [across.project(*place) for place in places]
+    net, theirs = split_edge(net, other.id, (facing[1][0], facing[0][0]))
     half = edge.num_lanes * _width(edge) / (2.0 if edge.spread == "center" else 1.0)
-    reach = {"right": half, "left": half if edge.spread == "center" else 0.0}
-    across = Polyline(other.shape)
-    s, d = across.project(x, y)
-    net, theirs = split_edge(net, other.id, (s,))
-    net = _joined(net, f"{other.id}.cut1", node)
     share = 2.0 if other.spread == "center" else 1.0
-    reach["left"] = max(abs(d) + other.num_lanes * _width(other) / share, reach["left"])
-    heading = line.heading_at(at)
-    nodes, paths = [], []
-    for side, turn in (("right", -math.pi / 2), ("left", math.pi / 2)):
-        far = reach[side] + recipe.number("path_m")
-        name = path_name(edge.id, side)
-        end = PlainNode(f"{name}.end", x + far * math.cos(heading + turn), y + far * math.sin(heading + turn))
-        nodes.append(end)
-        paths.append(
-            PlainEdge(
-                name, end.id, node, 1, _PATH_SPEED_MPS, 1, ((end.x, end.y), (x, y)),
-                width=recipe.number("path_width_m"), spread="center", allow="pedestrian",
+    for k, (x, y) in enumerate(places):
+        node = f"{edge.id}.cut{k + 1}"
+        net = _joined(net, f"{other.id}.cut{2 - k}", node)
+        beyond = abs(facing[k][1]) + other.num_lanes * _width(other) / share
+        reach = {"right": half, "left": max(beyond, half if edge.spread == "center" else 0.0)}
+        heading = line.heading_at(at[k])
+        nodes, paths = [], []
+        for side, turn in (("right", -math.pi / 2), ("left", math.pi / 2)):
+            far = reach[side] + recipe.number("path_m")
+            name = path_name(edge.id, side, k)
+            end = PlainNode(
+                f"{name}.end", x + far * math.cos(heading + turn), y + far * math.sin(heading + turn)
             )
-        )  # fmt: skip
-    crossing = PlainCrossing(node, (parts[0], theirs[1]), recipe.number("crossing_width_m"))
-    return replace(
-        net, nodes=(*net.nodes, *nodes), edges=(*net.edges, *paths), crossings=(*net.crossings, crossing)
-    )
+            nodes.append(end)
+            paths.append(
+                PlainEdge(
+                    name, end.id, node, 1, _PATH_SPEED_MPS, 1, ((end.x, end.y), (x, y)),
+                    width=recipe.number("path_width_m"), spread="center", allow="pedestrian",
+                )
+            )  # fmt: skip
+        crossing = PlainCrossing(node, (parts[k], theirs[2 - k]), recipe.number("crossing_width_m"))
+        net = replace(
+            net, nodes=(*net.nodes, *nodes), edges=(*net.edges, *paths), crossings=(*net.crossings, crossing)
+        )
+    return net
 
 
 def _width(edge: PlainEdge) -> float:

@@ -10,6 +10,7 @@ from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.obedient_way import (
     check_way,
     drive_time,
+    grazing_turns,
     main_road,
     sharpest_bend,
     turn_between,
@@ -45,8 +46,6 @@ from tsbench.signs.places import load_places
 from tsbench.signs.plate_params import JunctionParams
 from tsbench.sim.scene import EgoStart
 
-# Codes of prohibitory plates begin so.
-
 
 class ManoeuvrePlacement(ScenePlacement):
     """One plate on the approach; navigation leads through a manoeuvre that it prohibits.
@@ -69,6 +68,10 @@ class ManoeuvrePlacement(ScenePlacement):
         ways = (row.fields["signed_edge"], *row.fields["compliant"])
         seconds = drive_time(plain, ways, recipe)
         require(seconds <= recipe.number("longest_drive_s"), f"the obedient way takes about {seconds:.0f} s")
+        block = row.fields["short_m"] + row.fields["compliant_m"]
+        require(
+            block >= recipe.number("least_block_m"), f"the two ways have {block:.0f} m in all: a slip lane"
+        )
         bend = max(sharpest_bend(e) for e in plain.edges if e.id in ways)
         require(
             bend <= recipe.number("sharpest_bend_deg"),
@@ -111,7 +114,9 @@ class ManoeuvrePlacement(ScenePlacement):
             raise UnfitMapError(f"plate {self.code} {why}")
         banned |= self.banned(graph, short, self._allowed(self.other_code(task, short, compliant)))
         closed |= self.closed(graph, compliant) | self.empty(task, signed)
-        avoided = _avoided(graph, (short, compliant), banned, closed)
+        grazing = grazing_turns(graph, short) | grazing_turns(graph, compliant)
+        closed |= _left_alone(graph, grazing) - {*short, *compliant}
+        avoided = _avoided(graph, (short, compliant), banned | grazing, closed)
         for way in (short, compliant):
             check_way(graph, way, avoided)
         return Arrangement(
@@ -285,6 +290,12 @@ def _avoided(
         waiting = {t for t in turns if waits(graph, *t, avoided)}
         avoided |= waiting if waiting != turns else set()
     return avoided
+
+
+def _left_alone(graph: LaneGraph, turns: frozenset[Turn]) -> frozenset[str]:
+    """Edges at whose end all turns are such."""
+    edges = {edge for edge, _ in turns}
+    return frozenset(e for e in edges if {(e, onto) for onto in graph.successors(e)} <= turns)
 
 
 def _check_turns(row: PoolRow, graph: LaneGraph, short: Sequence[str], compliant: Sequence[str]) -> None:

@@ -5,29 +5,54 @@ Units: m, s, degrees.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
+import shapely
+import shapely.affinity
 
 from tsbench.dataset.maps.lines import heading_away, heading_towards
 from tsbench.dataset.maps.plain import PlainEdge, PlainNet
 from tsbench.dataset.placements.placement import require
+from tsbench.dataset.scenes.drivers import BODIES
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.angles import STRAIGHT, turn_class
-from tsbench.geometry.polyline import Polyline
-from tsbench.roads.junction_paths import junction_path, path_zones
+from tsbench.geometry.polyline import Polyline, join
+from tsbench.roads.junction_paths import junction_path
 from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.roads.network import Connection, RoadNetwork
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 
 # SUMO's state of a connection with right of way.
 _MAJOR = "M"
 # Of a metre each: how far headings are compared for bends.
 _BEND_STEPS = 6
-# A car's width, with what its corners swing out in a bend.
-_SWEPT_M = 2.2
+# Footprints that overlap by less do not meet.
+_GRAZE_M2 = 0.05
+
+
+@dataclass(frozen=True)
+class _Body:
+    """A car's footprint on a path. behind: from its place on the path to its rear.
+
+    That is the middle of the ego, and the front of SUMO's cars, whose body trails along the path's direction.
+    """
+
+    length: float
+    width: float
+    behind: float
+
+    def at(self, line: Polyline, s: float) -> shapely.Geometry:
+        body = shapely.box(-self.behind, -self.width / 2, self.length - self.behind, self.width / 2)
+        turned = shapely.affinity.rotate(body, line.heading_at(s), origin=(0.0, 0.0), use_radians=True)
+        return shapely.affinity.translate(turned, *line.point_at(s))
+
+
+_EGO = _Body(EGO_LENGTH_M, EGO_WIDTH_M, EGO_LENGTH_M / 2)
+_LONGEST = _Body(*BODIES["xl"], BODIES["xl"][0])
 
 
 def drive_time(plain: PlainNet, ways: Sequence[str], recipe: Recipe) -> float:
@@ -89,37 +114,46 @@ def waits(graph: LaneGraph, edge: str, following: str, absent: AbstractSet[Turn]
 
 
 def check_way(graph: LaneGraph, way: Sequence[str], absent: AbstractSet[Turn]) -> None:
-    """Raise UnfitMapError where others go first on the finished way, or get in its way without SUMO's knowing.
-
-    absent: turns that nobody makes.
-    """
+    """Raise UnfitMapError where others go first on the finished way. absent: turns that nobody makes."""
     for a, b in pairwise(way):
         require(not waits(graph, a, b, absent), f"others go first on the obedient way at the end of {a}")
-        require(
-            not any(_unseen_conflicts(graph.network, graph.connections(a, b))),
-            f"vehicles with right of way graze the obedient way at the end of {a}",
-        )
 
 
-def _unseen_conflicts(network: RoadNetwork, own: Sequence[Connection]) -> Iterator[bool]:
-    """For each connection with priority of which SUMO says that it never meets ours: does it all the same?
+def grazing_turns(graph: LaneGraph, way: Sequence[str]) -> frozenset[Turn]:
+    """Turns of others whose cars run into a car on a way, or stand in it, without SUMO's knowing.
 
-    So where a main road bends sharply: its two directions cut each other's corner.
+    So where a road bends sharply at a junction, or meets another at a small angle: long cars cut each other's corner.
     """
-    lanes = network.lanes
-    edges = {lanes[c.from_lane].edge for c in own}, {lanes[c.to_lane].edge for c in own}
-    junctions = {network.edges[e].target for e in edges[0]}
-    others = [
-        c
-        for c in network.connections
-        if c.state == _MAJOR
-        and network.edges[lanes[c.from_lane].edge].target in junctions
-        and lanes[c.from_lane].edge not in edges[0]
-        and lanes[c.to_lane].edge not in edges[1]
-    ]
-    ways, crossing = ([junction_path(network, c) for c in some] for some in (own, others))
-    zones = path_zones(ways, crossing, width=_SWEPT_M)
-    for mine, row in zip(own, zones, strict=True):
-        for other, zone in zip(others, row, strict=True):
-            known = set(mine.via) & other.yields_to or set(other.via) & mine.yields_to
-            yield zone is not None and not known
+    network, found = graph.network, set[Turn]()
+    for a, b in pairwise(way):
+        own = graph.connections(a, b)
+        turning = [_swept(network, c, _EGO) for c in own]
+        standing = [_held(network, c, _EGO) for c in own]
+        for c in network.connections:
+            edge, onto = (network.lanes[i].edge for i in (c.from_lane, c.to_lane))
+            if edge == a or network.edges[edge].target != network.edges[a].target:
+                continue
+            swept, held = _swept(network, c, _LONGEST), _held(network, c, _LONGEST)
+            unknown = [
+                area
+                for mine, area in zip(own, turning, strict=True)
+                if onto != b and not set(mine.via) & c.yields_to and not set(c.via) & mine.yields_to
+            ]
+            met = [(swept, area) for area in (*unknown, *standing)] + [(held, area) for area in turning]
+            if any(one.intersection(other).area > _GRAZE_M2 for one, other in met):
+                found.add((edge, onto))
+    return frozenset(found)
+
+
+def _swept(network: RoadNetwork, connection: Connection, car: _Body) -> shapely.Geometry:
+    """What a car covers on a junction."""
+    onto = network.lanes[connection.to_lane].line
+    line = join([junction_path(network, connection).line, onto.slice(0.0, min(car.behind, onto.length))])
+    at = [*np.arange(0.0, line.length, 1.0).tolist(), line.length]
+    return shapely.union_all([car.at(line, s) for s in at])
+
+
+def _held(network: RoadNetwork, connection: Connection, car: _Body) -> shapely.Geometry:
+    """Where a car stands that waits at its line."""
+    line = network.lanes[connection.from_lane].line
+    return car.at(line, line.length + car.behind - car.length)

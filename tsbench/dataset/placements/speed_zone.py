@@ -26,6 +26,7 @@ from tsbench.geometry.polyline import bend_speed, join
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
+from tsbench.signs.annotations import DISTRACTOR, TARGET, SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, SlowZoneParams
 from tsbench.signs.places import load_places
@@ -34,6 +35,8 @@ from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
 KMH = 1.0 / 3.6
+# From a plate of the other direction to the ends of its edge.
+_ROOM_M = 2.0
 
 
 def needed_kmh(limit: float) -> float:
@@ -65,13 +68,16 @@ def _bend_kmh(network: RoadNetwork, zone: Sequence[str]) -> float:
 
 
 class SpeedZonePlacement(ScenePlacement):
-    """`speed_limit`, `zone_speed_limit`, `residential_zone`: a zone ahead of a driver who is too fast for it.
+    """`speed_limit`: a limit ahead of a driver who is too fast for it.
 
     The plate stands where the zone's first edge starts, the end plate where the edge behind the zone does. In the
     contrast half a higher value is posted. All values are those of the road's class. No other vehicle drives in the
     ego's direction; oncoming vehicles keep to the lower limit in both halves, because the other half's plates face
     them. Other traffic thus breaks no plate and does not reveal what is posted.
     """
+
+    # Numbers of the recipe that add up to the room behind the zone.
+    behind_zone: Sequence[str] = ("end_plate_before_destination_m", "end_before_edge_m")
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
@@ -81,7 +87,7 @@ class SpeedZonePlacement(ScenePlacement):
     def _cuts(self, row: PoolRow, recipe: Recipe) -> list[float]:
         """Arc lengths on the corridor: plate, borders of edges within the zone, end plate."""
         length = row.length_m
-        end = length - recipe.number("end_before_edge_m") - recipe.number("end_plate_before_destination_m")
+        end = length - sum(map(recipe.number, self.behind_zone))
         plate = min(end - recipe.number("zone_m"), recipe.number("plate_at_most_m"))
         require(plate >= recipe.number("plate_at_least_m"), f"the corridor is {length:.0f} m long")
         return [float(s) for s in np.linspace(plate, end, int(recipe.number("zone_edges")) + 1)]
@@ -120,19 +126,32 @@ class SpeedZonePlacement(ScenePlacement):
         require(room >= 0.0, f"no room to brake from {v0:.1f} m/s before the plate")
         jitter = float(task.rng.uniform(0.0, min(recipe.number("jitter_m"), room)))
         start = EgoStart(lane.id, lane.line.length - need - jitter - EGO_LENGTH_M / 2, v0)
-        least = recipe.number("end_plate_before_destination_m")
-        room = network.edge_lanes(last)[0].line.length - 3.0
+        way, least = self._way(zone, last), recipe.number("destination_behind_m")
+        room = network.edge_lanes(way[-1])[0].line.length - 3.0
         require(room > least, "no room for the destination")
         end_s = variant.route_end(least, room)
-        signs = (
-            plate_beside(network, self.code, zone[0], 0.0, ZoneParams((*zone, last)), value=limit),
-            plate_beside(network, self.end_code, last, 0.0, number=1, role="end", value=limit, ends="sign_0"),
-        )
+        driven = sum(network.edges[e].length for e in way[:-1]) + end_s
         return Arrangement(
-            signs=signs, target="sign_0", start=start, destination=Destination(last, end_s),
-            route_hint=tuple(edges), route_length=sum(network.edges[e].length for e in zone) + end_s,
+            signs=self._signs(task, zone, last, limit), target="sign_0", start=start,
+            destination=Destination(way[-1], end_s), route_hint=(first, *way), route_length=driven,
             drivers=_no_faster(task.drivers, limit), closed_edges=frozenset(edges),
         )  # fmt: skip
+
+    @staticmethod
+    def _way(zone: Sequence[str], last: str) -> tuple[str, ...]:
+        """Edges from the plate to the destination."""
+        return (*zone, last)
+
+    def _signs(
+        self, task: SceneTask, zone: Sequence[str], last: str, limit: float
+    ) -> tuple[SignInstance, ...]:
+        """The plate and its end; what faces the other direction comes with the other half's plates."""
+        return (
+            plate_beside(task.network, self.code, zone[0], 0.0, ZoneParams((*zone, last)), value=limit),
+            plate_beside(
+                task.network, self.end_code, last, 0.0, number=1, role="end", value=limit, ends="sign_0"
+            ),
+        )
 
     def _others(self, row: PoolRow, recipe: Recipe, limit: float) -> list[float]:
         """Values of the contrast half for a limit, km/h."""
@@ -142,15 +161,65 @@ class SpeedZonePlacement(ScenePlacement):
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
         """A value of at least 1.6 times as much."""
-        first, end = signed.signs
-        road, values = task.row.speed_mps / KMH, self._others(task.row, task.recipe, first.posted)
-        value = float(values[task.variant.plate % len(values)])
+        first = signed.signs[0]
+        limit, value = first.posted, self._other(task, first.posted)
         zone = first.params_as(ZoneParams).zone_edges[:-1]
         length = sum(task.network.edge_lanes(e)[0].line.length for e in zone)
-        slow = SlowZoneParams(zone, 0.0, length, min(value, road))
-        code, end_code = self.other_codes
-        return replace(
-            signed,
-            signs=(replace(first, code=code, value=value), replace(end, code=end_code, value=value)),
-            contrast=(ContrastClause("needless_slow", slow),),
-        )
+        slow = SlowZoneParams(zone, 0.0, length, min(value, task.row.speed_mps / KMH))
+        begin, end = self.other_codes
+        other = {
+            (self.code, limit): (begin, value), (self.end_code, limit): (end, value),
+            (begin, value): (self.code, limit), (end, value): (self.end_code, limit),
+        }  # fmt: skip
+        hung = ((sign, *other[sign.code, sign.posted]) for sign in signed.signs)
+        signs = tuple(replace(sign, code=code, value=value) for sign, code, value in hung)
+        return replace(signed, signs=signs, contrast=(ContrastClause("needless_slow", slow),))
+
+    def _other(self, task: SceneTask, limit: float) -> float:
+        """The value of the contrast half, km/h."""
+        values = self._others(task.row, task.recipe, limit)
+        return float(values[task.variant.plate % len(values)])
+
+
+class ZonePlacement(SpeedZonePlacement):
+    """`zone_speed_limit`, `residential_zone`: the ego's zone, and behind it another, with the other half's value.
+
+    At each border hang two plates, the begin for the traffic that enters and the end for the traffic that leaves. The
+    ego's destination is in its zone. In the contrast half the zones are exchanged.
+    """
+
+    behind_zone = ("between_zones_m", "other_zone_m", "end_before_edge_m")
+
+    @staticmethod
+    def _way(zone: Sequence[str], last: str) -> tuple[str, ...]:  # noqa: ARG004
+        return tuple(zone)
+
+    def _signs(
+        self, task: SceneTask, zone: Sequence[str], last: str, limit: float
+    ) -> tuple[SignInstance, ...]:
+        """Eight plates at four borders; the target is the first."""
+        recipe = task.recipe
+        ours, theirs = (self.code, self.end_code, limit), (*self.other_codes, self._other(task, limit))
+        behind = recipe.number("between_zones_m")
+        borders = ((zone[0], 0.0, ours), (last, 0.0, ours), (last, behind, theirs),
+                   (last, behind + recipe.number("other_zone_m"), theirs))  # fmt: skip
+        signs: list[SignInstance] = []
+        for k, (edge, s, (begin, end, value)) in enumerate(borders):
+            codes = (begin, end) if k % 2 == 0 else (end, begin)
+            back = self._across(task, edge, s)
+            params = None if k else ZoneParams((*zone, last))
+            role = DISTRACTOR if k else TARGET
+            signs += (
+                plate_beside(task.network, codes[0], edge, s, params, number=2 * k, role=role, value=value),
+                plate_beside(task.network, codes[1], *back, number=2 * k + 1, role=DISTRACTOR, value=value),
+            )
+        return tuple(signs)
+
+    @staticmethod
+    def _across(task: SceneTask, edge: str, s: float) -> tuple[str, float]:
+        """The edge of the other direction, and where along it a place of an edge is."""
+        facing = task.row.fields["opposite"]
+        line = task.network.edge_lanes(facing)[0].line
+        there = line.project(*task.network.edge_lanes(edge)[0].line.point_at(s))[0]
+        require(_ROOM_M <= there <= line.length - _ROOM_M, "the other direction ends before the zones")
+        return facing, there

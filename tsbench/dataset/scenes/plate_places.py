@@ -20,6 +20,8 @@ from tsbench.sim.scene import Obstacle
 from tsbench.sim.scene_file import EGO_ID
 
 CLOSING = ("3.1", "3.2")
+# Of the plates of both directions at one place: cosine of the least angle between them, and the widest road.
+_AGAINST, _ACROSS_M = -0.8, 60.0
 _FORBIDS_TURNS = "3.18."
 _NEVER_TOGETHER = {"min_speed": "reserved_lane", "reserved_lane": "min_speed"}
 _MINOR, _MAJOR = ("2.4", "2.5"), ("2.1", "2.3.1", "2.3.2", "2.3.3")
@@ -304,6 +306,24 @@ def _alone(here: PlateHere) -> str:
     return ""
 
 
+def _both_ways(here: PlateHere) -> str:
+    plate, roads = here.plate, here.scene.roads
+    if roads.one_way(plate.edge):
+        return ""
+    signs = load_catalog().signs
+    wanted = here.sign.ends or next((word for word in here.sign.rule.ended_by if word in signs), plate.code)
+    most = here.scene.table.distances.beside_m
+    cos, sin = math.cos(plate.heading), math.sin(plate.heading)
+    for other in here.scene.plates:
+        if (other.code, other.value) == (wanted, plate.value):
+            dx, dy = other.x - plate.x, other.y - plate.y
+            across = (dy * cos - dx * sin) * (-1.0 if roads.network.left_hand else 1.0)
+            against = math.cos(other.heading - plate.heading) < _AGAINST
+            if against and abs(dx * cos + dy * sin) <= most and 0.0 < across <= _ACROSS_M:
+                return ""
+    return f"no {wanted} faces the other direction"
+
+
 def _is_over(here: PlateHere, before: SignInstance) -> bool:
     """Does an end of the plate stand between it and another plate?"""
     ends = (p for p in here.scene.plates if p.code in here.sign.rule.ended_by and here.is_before(p))
@@ -333,5 +353,6 @@ _TESTS: Mapping[Place, Callable[[PlateHere], str]] = MappingProxyType(
         "crossing": _crossing,
         "ring": _ring,
         "alone": _alone,
+        "both_ways": _both_ways,
     }
 )

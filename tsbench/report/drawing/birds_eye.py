@@ -117,8 +117,10 @@ class BirdsEye:
         camera = self._ground_camera
         self.ground: Image = np.full((camera.height, camera.width, 3), STYLE.ground, dtype=np.uint8)
         shapes = (
-            *ground_shapes(trace.spec.map_id), *road_shapes(scene.network), *furniture_shapes(scene, country),
-        )  # fmt: skip
+            *ground_shapes(trace.spec.map_id),
+            *road_shapes(scene.network, scene.signs),
+            *furniture_shapes(scene, country),
+        )
         self._plates = paint(self.ground, camera, shapes)
         self._obstacles = obstacle_bodies(scene)
         self._windows = self._make_windows()

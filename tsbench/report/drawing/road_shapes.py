@@ -21,7 +21,7 @@ from tsbench.roads.network import Edge, Lane, RoadNetwork
 from tsbench.roads.road_map import Crossing
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.plate_params import CrosswalkParams, ReservedLaneParams
+from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim import main_road
 
 _ROUND_M = 0.15
@@ -34,14 +34,19 @@ _SOLID_STATES = frozenset("swoOrRyYuUgG")
 _GIVE_WAY_STATES = frozenset("m=")
 _TOOTH_M = (0.35, 0.75)
 _ZEBRA_M = (0.5, 0.5)
+# From the end of a crossing to its plate.
+_AT_CROSSING_M = 8.0
 # Rules whose plates stand on an approach, and at the mouth of an exit, and say which ways are open.
 _APPROACH_RULES = frozenset({"manoeuvre", "one_way_exit"})
+# From this angle on (sine) a road at a junction lies across an approach.
+_ACROSS_SIN = 0.6
 _MOUTH_RULES = frozenset({"no_entry", "closed_road"})
 # Where people wait, beyond the kerb: as deep as netconvert makes it, and wider than the crossing.
 _APRON_M = (3.0, 1.6)
 
 
-def road_shapes(network: RoadNetwork) -> Iterator[Area | Line]:
+def road_shapes(network: RoadNetwork, signs: Sequence[SignInstance] = ()) -> Iterator[Area | Line]:
+    """Surface, kerbs and lines. A road across a plate of one-way traffic has no lines: its plates alone say the way."""
     walks = [lane_area(lane.line, lane.width) for lane in network.lanes if _is_walk(lane)]
     aprons = shapely.union_all([a for c in network.crossings.values() for a in _aprons(c)])
     area = _carriageway(network)
@@ -49,10 +54,10 @@ def road_shapes(network: RoadNetwork) -> Iterator[Area | Line]:
     road = area.difference(aprons)
     yield Area("kerb", road.buffer(_KERB_M))
     yield Area("asphalt", road)
-    two_way = _two_way(network)
+    two_way, across = _two_way(network), _across(network, signs)
     for edge in network.edges.values():
         lanes = _drivable(network, edge)
-        if edge.internal or not lanes:
+        if edge.internal or not lanes or edge.id in across:
             continue
         yield from _edge_marks(lanes, edge.id in two_way, network.to_kerb)
         for lane in lanes if edge.id not in two_way else ():
@@ -71,6 +76,21 @@ def _two_way(network: RoadNetwork) -> set[str]:
             s, _ = inner[k].line.project(beyond.x, beyond.y)
             if math.cos(inner[k].line.heading_at(s) - heading) < _BACK_COS:
                 found.add(lane.edge)
+    return found
+
+
+def _across(network: RoadNetwork, signs: Sequence[SignInstance]) -> set[str]:
+    """Edges of the roads that plates of one-way traffic (5.7.x) speak of."""
+    found = set[str]()
+    for sign in signs:
+        if load_catalog().sign(sign.code).rule.name == "one_way_exit":
+            node = network.edges[sign.edge].target
+            for edge in network.edges.values():
+                if not edge.internal and node in (edge.source, edge.target):
+                    line = network.edge_lanes(edge.id)[0].line
+                    heading = line.heading_at(0.0 if edge.source == node else line.length)
+                    if abs(math.sin(heading - sign.heading)) > _ACROSS_SIN:
+                        found.add(edge.id)
     return found
 
 
@@ -95,10 +115,12 @@ def mark_shapes(network: RoadNetwork, signs: Sequence[SignInstance] = ()) -> Ite
     for lane in network.lanes:
         if not lane.internal and network.edges[lane.edge].target not in regulated:
             yield from _turn_arrows(network, lane)
-    striped = {sign.params.crossing for sign in signs if isinstance(sign.params, CrosswalkParams)}
+    posts = [(s.x, s.y) for s in signs if rules[s.code] == "crosswalk"]
     for crossing in network.crossings.values():
-        for dash in dashes(crossing.line.points, *_ZEBRA_M) if crossing.id in striped else ():
-            yield Area("marking", strip(Polyline(dash), crossing.width))
+        ends = crossing.line.points
+        if any(math.dist(post, end) <= _AT_CROSSING_M for post in posts for end in ends):
+            for dash in dashes(ends, *_ZEBRA_M):
+                yield Area("marking", strip(Polyline(dash), crossing.width))
 
 
 def _regulated(network: RoadNetwork, signs: Sequence[SignInstance]) -> set[str]:
