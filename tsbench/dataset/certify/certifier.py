@@ -66,6 +66,8 @@ class _Proof:
 class Certifier:
     """Proves rows in the process's one simulation. loader: gives their scenes."""
 
+    expert: str = EXPERTS[0]
+
     def __init__(self, simulation: Simulation, loader: SceneLoader) -> None:
         self._simulation, self._loader = simulation, loader
         self._stepped = SteppedEpisode(simulation, loader)

@@ -47,7 +47,9 @@ LESS_TRAFFIC = (1.0, 0.85, 0.7, 0.5)
 
 
 class Prover(Protocol):
-    """Who drives rows to prove them (certify.prover)."""
+    """What drives rows to prove them (certify.rejection_test). expert: the one that is tried first."""
+
+    expert: str
 
     def prove(
         self, spec: ScenarioSpec, blind_baseline: str, attempt: int, asked: float, realised: float
@@ -133,7 +135,9 @@ class SiteBuilder:
     def _proven(
         self, row: PoolRow, roads: dict[str, Roads], folder: Path, variant: Variant, split: str
     ) -> tuple[_Drawn, tuple[Certificate, ...]]:
-        """The first draw that is solved, tempts and shows a violation; else the first that lacks least."""
+        """The first draw that tempts, shows a violation and that the first expert solves; else the first that some
+        expert solves, if possible one that tempts.
+        """
         spare: tuple[Certificate, ...] = ()
         reason = "no draw"
         for attempt in range(ATTEMPTS):
@@ -151,7 +155,8 @@ class SiteBuilder:
                 self._rejected.append(reason)
                 continue
             violator = self.recipe.violating_baseline
-            if found[0].tempting and (not violator or self.prover.breaks(violator, drawn.rows[0])):
+            plain = all(c.expert == self.prover.expert for c in found)
+            if plain and found[0].tempting and (not violator or self.prover.breaks(violator, drawn.rows[0])):
                 return drawn, found
             if not spare or (found[0].tempting and not spare[0].tempting):
                 spare = found
