@@ -39,6 +39,7 @@ from tsbench.report.drawing.scene_shapes import staged_bodies
 from tsbench.report.scene_pictures import scene_picture
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.roads.road_map import Crossing
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
@@ -85,6 +86,11 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]
     return built
 
 
+def first_crossing(network: RoadNetwork) -> Crossing:
+    """The one that the ego comes to."""
+    return next(c for c in network.crossings.values() if "road.0" in c.edges)
+
+
 def place(
     networks: dict[str, RoadNetwork], name: str, layout: int = 0, seed: int = 1, speed: float = 7.75
 ) -> Arrangement:
@@ -99,13 +105,15 @@ def test_the_whole_road_is_crossed_and_lanes_keep_their_numbers(
     networks: dict[str, RoadNetwork], name: str
 ) -> None:
     network, (_, lanes, back) = networks[name], LINES[name]
-    (crossing,) = network.crossings.values()
-    assert crossing.width == 4.0
-    assert sorted(crossing.edges) == ["back.1", "road.0"]
+    crossing = first_crossing(network)
+    assert {c.width for c in network.crossings.values()} == {4.0}
+    edges = sorted(sorted(c.edges) for c in network.crossings.values())
+    assert edges == [["back.1", "road.1"], ["back.2", "road.0"]]
     width = network.edge_lanes("road.0")[0].width
     assert crossing.line.length == pytest.approx((lanes + back) * width, abs=0.2)
-    for edge, count in (("road.0", lanes), ("road.1", lanes), ("back.0", back), ("back.1", back)):
-        assert [i.permits("passenger") for i in network.edge_lanes(edge)] == [True] * count
+    for edge, count in (("road", lanes), ("back", back)):
+        for k in range(3):
+            assert [i.permits("passenger") for i in network.edge_lanes(f"{edge}.{k}")] == [True] * count
     for lane in network.edge_lanes("road.0"):
         # Cars wait for who crosses: SUMO's "m".
         (link,) = network.outgoing[lane.index]
@@ -113,7 +121,7 @@ def test_the_whole_road_is_crossed_and_lanes_keep_their_numbers(
         assert network.lanes[link.to_lane].id == f"road.1_{lane.order}"
         assert 0.0 <= to_crossing(lane, crossing) <= 3.0
     for side in ("right", "left"):
-        (path,) = network.edge_lanes(f"road.path_{side}")
+        (path,) = network.edge_lanes(f"road.path0_{side}")
         assert path.permits("pedestrian")
         assert not path.permits("passenger")
         kerb = kerb_to_kerb(crossing, network.edge_lanes("road.0")[0], side).points[0]
@@ -127,7 +135,7 @@ def test_the_whole_road_is_crossed_and_lanes_keep_their_numbers(
 def test_people_come_as_the_preset_says(networks: dict[str, RoadNetwork], name: str, layout: int) -> None:
     preset = recipe().choices["presets"][layout % 5]
     network = networks[name]
-    (crossing,) = network.crossings.values()
+    crossing = first_crossing(network)
     first = network.edge_lanes("road.0")[0]
     for seed in range(8):
         a = place(networks, name, layout, seed)
@@ -139,7 +147,9 @@ def test_people_come_as_the_preset_says(networks: dict[str, RoadNetwork], name: 
         for person, speed in zip(persons, a.walkers.speeds, strict=True):
             way = str(person[1].get("edges")).split()
             sides.append(way[0].rsplit("_", 1)[1])
-            assert way == [f"road.path_{s}" for s in (sides[-1], "left" if sides[-1] == "right" else "right")]
+            assert way == [
+                f"road.path0_{s}" for s in (sides[-1], "left" if sides[-1] == "right" else "right")
+            ]
             line = network.edge_lanes(way[0])[0].line
             kerb = kerb_to_kerb(crossing, first, sides[-1]).points[0]
             at = float(person.get("departPos", "nan"))
@@ -166,7 +176,7 @@ def test_the_first_is_on_the_road_when_the_ego_is_there(
 ) -> None:
     network = networks[name]
     a = place(networks, name, seed, seed)
-    (crossing,), sign = network.crossings.values(), a.signs[0]
+    crossing, sign = first_crossing(network), a.signs[0]
     assert a.walkers is not None
     assert sign.params == CrosswalkParams(crossing.id, "road.1")
     lane = network.lane(a.start.lane)
@@ -280,10 +290,11 @@ def test_the_halves_of_a_pair_tell_each_other_apart_by_the_plate_alone(name: str
     assert [replace(s, code="X", value=None, params=None) for s in a.signs] == [
         replace(s, code="X", value=None, params=None) for s in b.signs
     ]
-    # The plate that faces oncoming traffic at the same crossing is the other half's.
+    # At each crossing both directions have the same plate; at the second it is the other half's.
     for half, other in ((a, b), (b, a)):
-        facing = next(s for s in half.signs if s.edge == "back.0" and s.role == "distractor")
-        assert (facing.code, facing.value) == (other.target_sign.code, other.target_sign.value)
+        hung = {s.edge: (s.code, s.value) for s in half.signs[:4]}
+        assert {hung["road.0"], hung["back.1"]} == {(half.target_sign.code, half.target_sign.value)}
+        assert {hung["road.1"], hung["back.0"]} == {(other.target_sign.code, other.target_sign.value)}
     certifier = Certifier(simulation(), loader)
     proofs = certifier.prove_pair(*(certifier.prove(row, "idm", 0, 0.0, 0.0) for row in (signed, contrast)))
     for row, proof in zip((signed, contrast), proofs, strict=True):
@@ -300,7 +311,7 @@ def test_people_of_a_contrast_half_stand_until_the_ego_is_past(site_of: SiteOf) 
         facts = driven(row, root).facts
         assert facts is not None
         come_up = recipe().number("come_up_s")
-        (crossing,) = facts.scene.network.crossings.values()
+        crossing = first_crossing(facts.scene.network)
         exit_ = frozenset(facts.scene.network.edges["road.1"].lanes)
         before = [s for s in facts.snapshots if s.ego.lane not in exit_]
         walk = [

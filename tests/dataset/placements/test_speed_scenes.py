@@ -28,6 +28,7 @@ from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import SlowZoneParams
+from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.scene_file import EGO_ID
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -75,22 +76,47 @@ def place(networks: dict[str, RoadNetwork], type_id: str, speed: float = 7.75, s
 @pytest.mark.parametrize("type_id", ZONES)
 def test_a_zone_spans_edges_up_to_its_end_plate(networks: dict[str, RoadNetwork], type_id: str) -> None:
     network, recipe = networks[type_id], recipe_of(type_id)
-    a = place(networks, type_id)
-    plate, end = a.signs
-    kind = load_catalog().type(type_id)
-    assert (plate.code, end.code, end.ends) == (kind.codes[0], kind.end_codes[0], plate.id)
-    _, *zone, last = a.route_hint
-    assert len(zone) == recipe.number("zone_edges")
+    a, kind = place(networks, type_id), load_catalog().type(type_id)
+    plate, end = a.signs[0], next(s for s in a.signs if s.code == kind.end_codes[0] and s.edge != "back")
+    assert plate.code == kind.codes[0]
+    zone, last = [f"road.{k + 1}" for k in range(int(recipe.number("zone_edges")))], end.edge
+    assert a.route_hint == ("road.0", *zone, *([last] if type_id == "speed_limit" else []))
     assert plate.params.zone_edges == (*zone, last)
-    assert (plate.edge, plate.position_m, end.edge, end.position_m) == ("road.1", 0.0, last, 0.0)
+    assert (plate.edge, plate.position_m, end.position_m) == ("road.1", 0.0, 0.0)
     assert (plate.value, a.extra) == (end.value, ())
     # The network keeps the road's own limit.
     lengths = [network.edges[e].length for e in zone]
     assert {lane.speed for lane in network.lanes if not lane.internal} == {MADE[type_id][0].speed_mps}
     assert sum(lengths) >= recipe.number("zone_m") - 1.0
     assert lengths == pytest.approx([lengths[0]] * len(zone), abs=0.3)
-    assert a.route_length == pytest.approx(sum(lengths) + a.destination.s)
-    assert recipe.number("end_plate_before_destination_m") <= a.destination.s < network.edges[last].length
+    before = [network.edges[e].length for e in a.route_hint[1:-1]]
+    assert a.route_length == pytest.approx(sum(before) + a.destination.s)
+    assert a.destination.edge == a.route_hint[-1]
+    assert recipe.number("destination_behind_m") <= a.destination.s < network.edges[a.route_hint[-1]].length
+
+
+@pytest.mark.parametrize("type_id", ZONES[1:])
+def test_at_each_border_the_begin_faces_who_enters_and_the_end_who_leaves(
+    networks: dict[str, RoadNetwork], type_id: str
+) -> None:
+    task, kind = task_of(networks, type_id), load_catalog().type(type_id)
+    placement = placement_of(task.recipe)
+    signed = placement.place(task)
+    contrast = placement.contrast(task, signed)
+    assert contrast is not None
+    low, high = ((half.signs[0].code, half.signs[0].posted) for half in (signed, contrast))
+    ends = {begin: end for t in (kind, load_catalog().type("zone_speed_limit"))
+            for begin, end in zip(t.codes, t.end_codes, strict=True)}  # fmt: skip
+    for half, (first, second) in ((signed, (low, high)), (contrast, (high, low))):
+        borders = list(zip(half.signs[::2], half.signs[1::2], strict=True))
+        for k, ((ahead, back), (code, value)) in enumerate(
+            zip(borders, (first, first, second, second), strict=True)
+        ):
+            faces = (code, ends[code]) if k % 2 == 0 else (ends[code], code)
+            assert (ahead.code, back.code) == faces
+            assert ahead.posted == back.posted == value
+            assert (ahead.edge != "back", back.edge) == (True, "back")
+            assert abs(ahead.x - back.x) < 1.0
 
 
 @pytest.mark.parametrize("initial", INITIAL_SPEEDS_MPS)
@@ -116,17 +142,20 @@ def test_the_contrast_half_posts_another_value_and_asks_not_to_be_slow(
     signed = placement.place(task)
     other = placement.contrast(task, signed)
     assert other is not None
-    (first, end), (high, high_end) = signed.signs, other.signs
+    high = other.signs[0]
     codes = ("3.24", "3.25") if type_id == "speed_limit" else ("5.31", "5.32")
-    assert (high, high_end) == tuple(
-        replace(s, code=code, value=high.posted) for s, code in zip((first, end), codes, strict=True)
-    )
+    assert high == replace(signed.signs[0], code=codes[0], value=high.posted)
+    assert [replace(s, code="X", value=None) for s in other.signs] == [
+        replace(s, code="X", value=None) for s in signed.signs
+    ]
+    end = next(s for s in other.signs if s.code == codes[1] and s.edge != "back")
     assert replace(other, signs=signed.signs, contrast=()) == signed
     (clause,) = other.contrast
     slow = clause.params
     assert isinstance(slow, SlowZoneParams)
-    assert (clause.name, slow.zone_edges, slow.start_m) == ("needless_slow", signed.route_hint[1:-1], 0.0)
-    assert slow.end_m == pytest.approx(high_end.x - high.x, abs=0.5)
+    assert (clause.name, slow.start_m) == ("needless_slow", 0.0)
+    assert slow.zone_edges == signed.signs[0].params_as(ZoneParams).zone_edges[:-1]
+    assert slow.end_m == pytest.approx(end.x - high.x, abs=0.5)
     assert slow.limit_kmh == pytest.approx(min(high.posted, task.row.speed_mps * 3.6))
 
 
