@@ -8,7 +8,6 @@ speaks so, in any language, is a planner.
 
 from __future__ import annotations
 
-import json
 import os
 import socket
 import sys
@@ -25,7 +24,18 @@ from tsbench.run.execution.fresh_episode import end_as, run_in_child, shared_wit
 from tsbench.run.isolation.commands import command_message
 from tsbench.run.isolation.episode_messages import Decoder
 from tsbench.run.isolation.leavings import Leavings
-from tsbench.run.isolation.protocol import HEAD, LINE, VERSION, MessageKind, pack
+from tsbench.run.isolation.protocol import (
+    HEAD,
+    LINE,
+    VERSION,
+    Asked,
+    ContextMessage,
+    DoneMessage,
+    EndMessage,
+    FailedMessage,
+    HelloMessage,
+    frame,
+)
 
 _ROOM_BYTES = 1 << 16
 _LONGEST_TEXT = 100_000
@@ -52,18 +62,18 @@ class Client:
     def serve(self) -> None:
         """Until the line is closed, or an episode has left something: its sandbox is none for the next."""
         while (message := self._message()) is not None:
-            if self._leavings is not None and message[0] is MessageKind.CONTEXT:
+            if self._leavings is not None and isinstance(message, ContextMessage):
                 if not self._episode_in_child(message, self._leavings):
                     return
             else:
-                self._hear(*message)
+                self._hear(message)
 
-    def _hear(self, kind: MessageKind, body: bytes) -> None:
-        asked = self._decoder.hear(kind, body)
+    def _hear(self, message: Asked) -> None:
+        asked = self._decoder.hear(message)
         if asked is not None:
             self._line.sendall(self._answer(asked))
 
-    def _episode_in_child(self, context: tuple[MessageKind, bytes], leavings: Leavings) -> bool:
+    def _episode_in_child(self, context: ContextMessage, leavings: Leavings) -> bool:
         """One episode, up to its END, which is answered if nothing of it is left. Is nothing left?"""
         status = run_in_child(lambda: self._episode(context))
         if status is not None:
@@ -72,13 +82,13 @@ class Client:
             return False
         # The referee may have gone.
         with suppress(OSError):
-            self._line.sendall(pack(MessageKind.DONE))
+            self._line.sendall(frame(DoneMessage()))
         return True
 
-    def _episode(self, context: tuple[MessageKind, bytes]) -> None:
-        message: tuple[MessageKind, bytes] | None = context
-        while message is not None and message[0] is not MessageKind.END:
-            self._hear(*message)
+    def _episode(self, context: ContextMessage) -> None:
+        message: Asked | None = context
+        while message is not None and not isinstance(message, EndMessage):
+            self._hear(message)
             message = self._message()
 
     def _answer(self, asked: Any) -> bytes:
@@ -88,23 +98,23 @@ class Client:
                 if self._planner is None:
                     self._planner = self._loaded.factory()
                 self._planner.reset(asked)
-                return pack(MessageKind.DONE)
+                return frame(DoneMessage())
             assert self._planner is not None
             output = self._planner.act(asked)
         except BaseException as problem:
-            return pack(MessageKind.FAILED, cause_of(problem)[:500], traceback.format_exc()[-_LONGEST_TEXT:])
+            # Half a character, in what a planner says, is no reason to say nothing.
+            detail = traceback.format_exc()[-_LONGEST_TEXT:].encode(errors="backslashreplace").decode()
+            return frame(FailedMessage(cause_of(problem)[:500], detail))
         return command_message(output)
 
-    def _message(self) -> tuple[MessageKind, bytes] | None:
+    def _message(self) -> Asked | None:
         while True:
             have = self._end - self._start
             if have >= HEAD.size:
-                size, kind = HEAD.unpack_from(self._heard, self._start)
-                whole = HEAD.size + size
+                whole = HEAD.size + HEAD.unpack_from(self._heard, self._start)[0]
                 if have >= whole:
-                    body = bytes(self._view[self._start + HEAD.size : self._start + whole])
-                    self._start += whole
-                    return MessageKind(kind), body
+                    begin, self._start = self._start + HEAD.size, self._start + whole
+                    return self._decoder.read(self._view[begin : self._start])
                 if whole > len(self._heard):
                     self._enlarge(whole)
             # What is left goes to the front: the referee waits for the answer, so it is little, but for maps.
@@ -130,15 +140,15 @@ def main(spec: str) -> None:
         loaded = resolve(spec)
         planner = _made(loaded)
     except InputError as problem:
-        line.sendall(pack(MessageKind.HELLO, json.dumps({"protocol": VERSION, "problem": str(problem)})))
+        line.sendall(frame(HelloMessage(VERSION, problem=str(problem))))
         return
     forks = not (loaded.own or loaded.keeps_process or shared_with_children() - before)
-    facts = {
-        "protocol": VERSION, "name": loaded.name, "privileged": loaded.privileged, "sign_access": loaded.sign_access,
-        "floor": loaded.floor, "weights_file": loaded.weights.file if loaded.weights else None,
-        "forks": forks, "keeps_process": not forks,
-    }  # fmt: skip
-    line.sendall(pack(MessageKind.HELLO, json.dumps(facts)))
+    weights_file = loaded.weights.file if loaded.weights else None
+    facts = HelloMessage(
+        VERSION, loaded.name, loaded.privileged, loaded.sign_access, loaded.floor, weights_file,
+        forks=forks, keeps_process=not forks,
+    )  # fmt: skip
+    line.sendall(frame(facts))
     Client(line, loaded, planner, Leavings(line) if forks else None).serve()
 
 
