@@ -8,15 +8,8 @@ import numpy as np
 
 from tsbench.core.errors import PlannerOutputError, cause_of
 from tsbench.planners.base import Control, Trajectory
-from tsbench.run.isolation.protocol import (
-    Answer,
-    ControlMessage,
-    Floats,
-    InvalidMessage,
-    ProtocolError,
-    TrajectoryMessage,
-    frame,
-)
+from tsbench.run.isolation import protocol
+from tsbench.run.isolation.protocol import ProtocolError
 from tsbench.sim.ego import MAX_TRAJECTORY_POSES
 
 
@@ -28,11 +21,11 @@ def command_message(output: object) -> bytes:
             # A number of the planner's own making may raise what it likes.
             numbers = (_number(output.acceleration), _number(output.steering))
             plan = None if output.plan is None else _floats("Control.plan", output.plan, 2)
-            return frame(ControlMessage(*numbers, _intent(output.intent), plan))
+            return protocol.frame(protocol.ControlMessage(*numbers, _intent(output.intent), plan))
         if isinstance(output, Trajectory):
             times, poses = output.times, output.poses
-            return frame(
-                TrajectoryMessage(
+            return protocol.frame(
+                protocol.TrajectoryMessage(
                     _floats("Trajectory.times", times, 1), _floats("Trajectory.poses", poses, 3),
                     _intent(output.intent),
                 )
@@ -41,17 +34,17 @@ def command_message(output: object) -> bytes:
         raise
     except BaseException as problem:
         reason = f"{type(output).__name__} cannot be read ({cause_of(problem)})"
-    return frame(InvalidMessage(reason[:500]))
+    return protocol.frame(protocol.InvalidMessage(reason[:500]))
 
 
-def read_command(answer: Answer) -> Control | Trajectory:
+def read_command(answer: protocol.Answer) -> Control | Trajectory:
     """The command of a message. Raises PlannerOutputError or ProtocolError."""
-    if isinstance(answer, ControlMessage):
+    if isinstance(answer, protocol.ControlMessage):
         plan = None if answer.plan is None else answer.plan.array()
         return Control(answer.acceleration, answer.steering, answer.intent, plan)
-    if isinstance(answer, TrajectoryMessage):
+    if isinstance(answer, protocol.TrajectoryMessage):
         return Trajectory(answer.times.array(), answer.poses.array(), answer.intent)
-    if isinstance(answer, InvalidMessage):
+    if isinstance(answer, protocol.InvalidMessage):
         raise PlannerOutputError(answer.reason[:500])
     raise ProtocolError(f"{type(answer).__name__} is no answer to an observation")
 
@@ -63,7 +56,7 @@ def _number(value: object) -> float:
     return float(value)  # type: ignore[arg-type]
 
 
-def _floats(name: str, value: Any, width: int) -> Floats:
+def _floats(name: str, value: Any, width: int) -> protocol.Floats:
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
         raise PlannerOutputError(f"{name} is {type(value).__name__}, expected a NumPy array of numbers")
     good = value.ndim == 1 if width == 1 else value.ndim == 2 and value.shape[1] == width
@@ -72,7 +65,7 @@ def _floats(name: str, value: Any, width: int) -> Floats:
             f"{name} has shape {value.shape}, expected at most {MAX_TRAJECTORY_POSES} rows"
         )
     single = value.dtype == np.float32
-    return Floats(
+    return protocol.Floats(
         "<f4" if single else "<f8", value.shape, np.asarray(value, "<f4" if single else "<f8").tobytes()
     )
 

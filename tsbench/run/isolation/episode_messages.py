@@ -14,17 +14,7 @@ from tsbench.roads.lane_graph import MapGraph, RoutePath
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.planner_map import PlannerMap, build_planner_map
 from tsbench.roads.road_map import MapConnection, RoadMap
-from tsbench.run.isolation.protocol import (
-    Asked,
-    ContextMessage,
-    EndMessage,
-    MapMessage,
-    NetworkMessage,
-    ObservationMessage,
-    frame,
-    plain,
-    rich,
-)
+from tsbench.run.isolation import protocol
 from tsbench.signs.annotations import plate_params
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.navigation import RouteView
@@ -43,30 +33,30 @@ class Encoder:
     def context(self, context: PlannerContext) -> bytes:
         privilege = context.privilege
         roads = context.network if privilege is None else privilege.network
-        before = b"" if roads is self._map else frame(_map_message(roads), self._encoder)
+        before = b"" if roads is self._map else protocol.frame(_map_message(roads), self._encoder)
         self._map, self._path, self._told = roads, None, 0
-        told = ContextMessage(context.seed, context.destination, context.dt)
+        told = protocol.ContextMessage(context.seed, context.destination, context.dt)
         if privilege is not None:
             sign, params = privilege.sign, privilege.sign.params
-            told = ContextMessage(
+            told = protocol.ContextMessage(
                 context.seed, context.destination, context.dt, replace(sign, params=None),
                 {} if params is None else params.texts(),
             )  # fmt: skip
-        return before + frame(told, self._encoder)
+        return before + protocol.frame(told, self._encoder)
 
     def observation(self, o: Observation) -> bytes:
         route = o.route
         path = None if route.path is self._path else route.path
         self._path = route.path
-        told = ObservationMessage(
+        told = protocol.ObservationMessage(
             o.step, o.time, o.ego, o.history, (route.s, route.d, route.remaining), path, o.actors, o.signs,
             o.obstacles, o.truth,
         )  # fmt: skip
-        return frame(told, self._encoder)
+        return protocol.frame(told, self._encoder)
 
     def _plain(self, value: Any) -> Any:
         if type(value) is not ActorTable:
-            return plain(value)
+            return protocol.plain(value)
         begin, self._told = self._told, len(value.ids)
         rows = range(begin, self._told)
         return [(value.ids[i], value.kind[i], value.length[i], value.width[i], value.routes[i]) for i in rows]
@@ -76,30 +66,30 @@ class Decoder:
     """The planner's side: what a Python planner is given, made from messages."""
 
     def __init__(self) -> None:
-        self._decoder = msgspec.msgpack.Decoder(Asked, dec_hook=self._rich)
+        self._decoder = msgspec.msgpack.Decoder(protocol.Asked, dec_hook=self._rich)
         self._map: RoadMap | None = None
         self._graph: MapGraph | None = None
         self._view: PlannerMap | None = None
         self._path: RoutePath | None = None
         self._table = ActorTable()
 
-    def read(self, body: memoryview | bytes) -> Asked:
-        told: Asked = self._decoder.decode(body)
+    def read(self, body: memoryview | bytes) -> protocol.Asked:
+        told: protocol.Asked = self._decoder.decode(body)
         return told
 
-    def hear(self, told: Asked) -> PlannerContext | Observation | None:
+    def hear(self, told: protocol.Asked) -> PlannerContext | Observation | None:
         """What a message is for the planner; None where another one has to follow."""
-        if isinstance(told, ObservationMessage):
+        if isinstance(told, protocol.ObservationMessage):
             return self._observation(told)
-        if isinstance(told, ContextMessage):
+        if isinstance(told, protocol.ContextMessage):
             return self._context(told)
-        if not isinstance(told, EndMessage):
+        if not isinstance(told, protocol.EndMessage):
             self._map = _roads(told)
             self._view = build_planner_map(self._map) if isinstance(self._map, RoadNetwork) else None
             self._graph = MapGraph(self._map) if self._view is None else self._view.graph
         return None
 
-    def _context(self, told: ContextMessage) -> PlannerContext:
+    def _context(self, told: protocol.ContextMessage) -> PlannerContext:
         assert self._map is not None
         assert self._graph is not None
         self._path, self._table = None, ActorTable()
@@ -112,7 +102,7 @@ class Decoder:
             roads = self._view.map
         return PlannerContext(told.seed, roads, self._graph, told.destination, told.dt, privilege)
 
-    def _observation(self, told: ObservationMessage) -> Observation:
+    def _observation(self, told: protocol.ObservationMessage) -> Observation:
         if told.path is not None:
             self._path = told.path
         assert self._path is not None
@@ -123,24 +113,24 @@ class Decoder:
 
     def _rich(self, kind: Any, told: Any) -> Any:
         if kind is not ActorTable:
-            return rich(kind, told)
+            return protocol.rich(kind, told)
         for actor, number, length, width, route in told:
             self._table.add(actor, ActorKind(number), length, width, tuple(route))
         return self._table
 
 
-def _map_message(roads: RoadMap) -> MapMessage | NetworkMessage:
+def _map_message(roads: RoadMap) -> protocol.MapMessage | protocol.NetworkMessage:
     parts: dict[str, Any] = {
         "lanes": roads.lanes, "edges": tuple(roads.edges.values()), "connections": roads.connections,
         "junctions": tuple(roads.junctions.values()), "crossings": tuple(roads.crossings.values()),
         "left_hand": roads.left_hand,
     }  # fmt: skip
     if isinstance(roads, RoadNetwork):
-        return NetworkMessage(**parts, class_speed=dict(roads.class_speed))
-    return MapMessage(**parts)
+        return protocol.NetworkMessage(**parts, class_speed=dict(roads.class_speed))
+    return protocol.MapMessage(**parts)
 
 
-def _roads(told: MapMessage | NetworkMessage) -> RoadMap:
+def _roads(told: protocol.MapMessage | protocol.NetworkMessage) -> RoadMap:
     outgoing: list[list[MapConnection]] = [[] for _ in told.lanes]
     for connection in told.connections:
         outgoing[connection.from_lane].append(connection)
@@ -150,7 +140,7 @@ def _roads(told: MapMessage | NetworkMessage) -> RoadMap:
         "outgoing": tuple(map(tuple, outgoing)), "crossings": _by_id(told.crossings),
         "left_hand": told.left_hand,
     }  # fmt: skip
-    if isinstance(told, NetworkMessage):
+    if isinstance(told, protocol.NetworkMessage):
         return RoadNetwork(**parts, class_speed=told.class_speed)
     return RoadMap(**parts)
 

@@ -13,24 +13,13 @@ from tsbench.core.errors import InputError, PlannerOutputError
 from tsbench.core.text import fault_in_texts, one_line
 from tsbench.planners.base import Control, Observation, PlannerContext, Trajectory
 from tsbench.run.execution.child import cause_of_end
+from tsbench.run.isolation import protocol
 from tsbench.run.isolation.commands import read_command
 from tsbench.run.isolation.episode_messages import Encoder
 from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import Container, image_of
 from tsbench.run.isolation.printed import Printed
-from tsbench.run.isolation.protocol import (
-    HEAD,
-    MOST_BYTES,
-    VERSION,
-    Answer,
-    DoneMessage,
-    EndMessage,
-    FailedMessage,
-    HelloMessage,
-    ProtocolError,
-    frame,
-    read_answer,
-)
+from tsbench.run.isolation.protocol import ProtocolError
 from tsbench.run.isolation.sandbox import Sandbox
 
 _READ_BYTES = 1 << 16
@@ -80,9 +69,9 @@ class PlannerProcess:
         self._heard = b""
         try:
             self.facts = self._hello()
-            if self.facts.protocol != VERSION:
+            if self.facts.protocol != protocol.VERSION:
                 told = self.facts.protocol
-                raise InputError(f"planner {spec!r}: speaks protocol {told}, this tsbench {VERSION}")
+                raise InputError(f"planner {spec!r}: speaks protocol {told}, this tsbench {protocol.VERSION}")
             if self.facts.problem:
                 raise InputError(one_line(self.facts.problem))
         except (IsolatedPlannerError, ProtocolError) as problem:
@@ -94,7 +83,7 @@ class PlannerProcess:
         self._patience = _ANSWER_S
         self._line.settimeout(self._patience)
 
-    def ask(self, request: bytes) -> Answer:
+    def ask(self, request: bytes) -> protocol.Answer:
         """Its answer. Raises IsolatedPlannerError where it ends, ProtocolError for what is no answer."""
         try:
             self._line.sendall(request)
@@ -107,18 +96,18 @@ class PlannerProcess:
             raise ProtocolError("more than one answer")
         return answer
 
-    def _message(self) -> Answer:
+    def _message(self) -> protocol.Answer:
         heard, end = self._heard, time.monotonic() + self._patience
-        while len(heard) < HEAD.size:
+        while len(heard) < protocol.HEAD.size:
             heard += self._more(end)
-        (size,) = HEAD.unpack_from(heard)
-        if size > MOST_BYTES:
-            raise ProtocolError(f"a message of {size} bytes, at most {MOST_BYTES} are allowed")
-        whole = HEAD.size + size
+        (size,) = protocol.HEAD.unpack_from(heard)
+        if size > protocol.MOST_BYTES:
+            raise ProtocolError(f"a message of {size} bytes, at most {protocol.MOST_BYTES} are allowed")
+        whole = protocol.HEAD.size + size
         while len(heard) < whole:
             heard += self._more(end)
         self._heard = heard[whole:]
-        return read_answer(heard[HEAD.size : whole])
+        return protocol.read_answer(heard[protocol.HEAD.size : whole])
 
     def _more(self, end: float) -> bytes:
         """The next bytes; end: until when the whole message has to be here."""
@@ -137,9 +126,9 @@ class PlannerProcess:
     def _silent(self) -> IsolatedPlannerError:
         return IsolatedPlannerError(f"the planner has not answered within {self._patience:.0f} s")
 
-    def _hello(self) -> HelloMessage:
+    def _hello(self) -> protocol.HelloMessage:
         told = self._message()
-        if not isinstance(told, HelloMessage):
+        if not isinstance(told, protocol.HelloMessage):
             raise ProtocolError(f"{type(told).__name__} where HelloMessage belongs")
         if fault := fault_in_texts([told.name, told.weights_file, told.problem]):
             raise ProtocolError(f"HelloMessage: {fault}")
@@ -198,7 +187,7 @@ class IsolatedPlanner:
             self._process, self._encoder, self._episodes = self._make(), Encoder(), 0
         self._episodes += 1
         answer = self._ask(self._encoder.context(context))
-        if not isinstance(answer, DoneMessage):
+        if not isinstance(answer, protocol.DoneMessage):
             self.close()
             raise PlannerOutputError(f"no message of the protocol: {type(answer).__name__} to a context")
 
@@ -213,7 +202,7 @@ class IsolatedPlanner:
         if not alone and facts.forks:
             # Whatever goes wrong belongs to no episode: the next one begins with a new process.
             with suppress(IsolatedPlannerError, PlannerOutputError):
-                if isinstance(self._ask(frame(EndMessage())), DoneMessage):
+                if isinstance(self._ask(protocol.frame(protocol.EndMessage())), protocol.DoneMessage):
                     return
             # A planner that could have its sandbox replaced, or not, would tell the next episode something by that.
             self._alone = True
@@ -228,12 +217,12 @@ class IsolatedPlanner:
         except PlannerOutputError as problem:
             return Control(_NoNumber(str(problem)), 0.0)  # type: ignore[arg-type]
 
-    def _ask(self, request: bytes) -> Answer:
+    def _ask(self, request: bytes) -> protocol.Answer:
         if self._process is None:
             raise IsolatedPlannerError("the planner's process has ended")
         try:
             answer = self._process.ask(request)
-            if isinstance(answer, FailedMessage):
+            if isinstance(answer, protocol.FailedMessage):
                 reason = one_line(answer.reason)[:_TEXT_BYTES]
                 raise IsolatedPlannerError(reason) from IsolatedPlannerError(answer.detail)
         except ProtocolError as problem:

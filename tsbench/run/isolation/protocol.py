@@ -14,6 +14,7 @@ from typing import Annotated, Any, Final, Literal
 import msgspec
 import numpy as np
 
+from tsbench.core.text import one_line
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.planners.base import SignView
 from tsbench.roads.destination import Destination
@@ -38,7 +39,6 @@ class ProtocolError(Exception):
 
 class Message(
     msgspec.Struct,
-    frozen=True,
     forbid_unknown_fields=True,
     tag_field="kind",
     tag=lambda name: name.removesuffix("Message").lower(),
@@ -101,7 +101,7 @@ class EndMessage(Message):
     """An episode has ended."""
 
 
-class Floats(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
+class Floats(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
     """An array in a planner's answer."""
 
     dtype: Literal["<f8", "<f4"]
@@ -205,9 +205,10 @@ def frame(message: Message, encoder: msgspec.msgpack.Encoder = _ENCODER) -> byte
 def read_answer(body: bytes) -> Answer:
     """Raises ProtocolError: nothing of a planner's is trusted."""
     try:
-        return _ANSWERS.decode(body)
+        answer: Answer = _ANSWERS.decode(body)
     except (ValueError, RecursionError) as problem:
-        raise ProtocolError(str(problem)) from None
+        raise ProtocolError(one_line(str(problem))) from None
+    return answer
 
 
 def schema() -> dict[str, Any]:
@@ -215,7 +216,7 @@ def schema() -> dict[str, Any]:
     array = {"prefixItems": [{"enum": ["<f8", "<f4", "<i4", "|i1"]}, {"items": {"type": "integer"}}, {}]}
     row = {"prefixItems": [{"type": kind} for kind in ("string", "integer", "number", "number", "array")]}
     _, parts = msgspec.json.schema_components(
-        (*Asked.__args__, *Answer.__args__),
+        (Asked, Answer),
         schema_hook=lambda kind: {"type": "array", **({"items": row} if kind is ActorTable else array)},
         ref_template="#/$defs/{name}",
     )
