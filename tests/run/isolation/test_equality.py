@@ -71,7 +71,7 @@ def test_a_planner_cannot_say_what_its_code_is(tmp_path: Path) -> None:
 def test_a_planner_cannot_say_what_its_weights_are(tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text(
-        "import __main__ as c\n"
+        "import tsbench.run.isolation.protocol as c\n"
         "told = c.HelloMessage\n"
         "def lies(*facts, **more):\n"
         "    hello = told(*facts, **more)\n"

@@ -17,6 +17,7 @@ from typing import Any
 
 from tsbench.core.errors import InputError, cause_of
 from tsbench.core.machine import adopt_orphans
+from tsbench.core.text import written_out
 from tsbench.planners.base import Planner, PlannerContext
 from tsbench.planners.loading import cause_with_place
 from tsbench.planners.registry import LoadedPlanner, resolve
@@ -108,7 +109,9 @@ def main(spec: str) -> None:
         loaded = resolve(spec)
         planner = _made(loaded)
     except InputError as problem:
-        line.sendall(protocol.frame(protocol.HelloMessage(protocol.VERSION, problem=str(problem))))
+        line.sendall(
+            protocol.frame(protocol.HelloMessage(protocol.VERSION, problem=written_out(str(problem))))
+        )
         return
     forks = not (loaded.own or loaded.keeps_process or shared_with_children() - before)
     weights_file = loaded.weights.file if loaded.weights else None

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from tsbench.core.errors import PlannerOutputError, cause_of
+from tsbench.core.text import written_out
 from tsbench.planners.base import Control, Trajectory
 from tsbench.run.isolation import protocol
 from tsbench.run.isolation.protocol import ProtocolError
@@ -15,7 +16,6 @@ from tsbench.sim.ego import MAX_TRAJECTORY_POSES
 
 def command_message(output: object) -> bytes:
     """What a planner returned, or that it is no command."""
-    reason = f"act returned {type(output).__name__}, expected Control or Trajectory"
     try:
         if isinstance(output, Control):
             # A number of the planner's own making may raise what it likes.
@@ -34,7 +34,9 @@ def command_message(output: object) -> bytes:
         raise
     except BaseException as problem:
         reason = f"{type(output).__name__} cannot be read ({cause_of(problem)})"
-    return protocol.frame(protocol.InvalidMessage(reason[:500]))
+    else:
+        reason = f"act returned {type(output).__name__}, expected Control or Trajectory"
+    return protocol.frame(protocol.InvalidMessage(written_out(reason)[:500]))
 
 
 def read_command(answer: protocol.Answer) -> Control | Trajectory:

@@ -73,7 +73,7 @@ class Decoder:
         self._path: RoutePath | None = None
         self._table = ActorTable()
 
-    def read(self, body: memoryview | bytes) -> protocol.Asked:
+    def read(self, body: bytes) -> protocol.Asked:
         told: protocol.Asked = self._decoder.decode(body)
         return told
 
