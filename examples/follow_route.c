@@ -10,19 +10,10 @@
 #include <sys/un.h>
 #include <unistd.h>
 
-enum { HELLO = 2, CONTEXT = 4, ROUTE = 5, OBSERVATION = 10, DONE = 11, CONTROL = 12 };
-enum { MOST_FIELDS = 32 };
-
 static int line = 3; /* or the socket that TSBENCH_LINE names, in a container */
 
-/* A field of a message: so many items, or bytes of text. */
-typedef struct { uint32_t count; const unsigned char *data; } Field;
-
-static Field field[MOST_FIELDS];
-static double *points, *limits; /* of the route: x y, and arc length with the limit from there on */
+static double *points, *limit_s, *limits; /* of the route: x y, arc lengths, and the limit from each on */
 static uint32_t n_points, n_limits;
-
-static size_t filled(size_t size) { return (size + 15) / 16 * 16; }
 
 static void read_all(void *to, size_t size) {
     for (size_t done = 0; done < size;) {
@@ -32,47 +23,102 @@ static void read_all(void *to, size_t size) {
     }
 }
 
-static void send_message(uint32_t kind, const void *body, uint32_t size) {
+static void send_message(const void *body, uint32_t size) {
     char out[512];
-    memcpy(out, &size, 4), memcpy(out + 4, &kind, 4), memcpy(out + 8, body, size);
-    for (size_t done = 0; done < size + 8;) {
-        ssize_t now = write(line, out + done, size + 8 - done);
+    memcpy(out, &size, 4), memcpy(out + 4, body, size);
+    for (size_t done = 0; done < size + 4;) {
+        ssize_t now = write(line, out + done, size + 4 - done);
         if (now <= 0) exit(0);
         done += (size_t)now;
     }
 }
 
-/* A body from malloc and its fields lie at multiples of 16 bytes: numbers are read where they are. */
-static const double *numbers(Field f) { return (const double *)f.data; }
+/* MessagePack: a value is a byte that says what it is, a big-endian number, and in maps, arrays, texts and bytes so
+ * many of what they hold. */
+typedef const unsigned char *Value;
 
-/* Splits a body into its fields; items: for each of them the bytes of one item, 1 for text. */
-static void split(const unsigned char *body, const char *items) {
-    const unsigned char *data = body + filled(4 * strlen(items));
-    for (int k = 0; items[k]; k++) {
-        memcpy(&field[k].count, body + 4 * k, 4);
-        field[k].data = data;
-        data += filled((size_t)field[k].count * (size_t)(items[k] - '0'));
-    }
+static uint64_t big_endian(Value at, int bytes) {
+    uint64_t found = 0;
+    for (int k = 0; k < bytes; k++) found = found << 8 | at[k];
+    return found;
 }
 
-static double *copy(Field f) {
-    double *own = malloc(8 * (size_t)f.count);
-    memcpy(own, f.data, 8 * (size_t)f.count);
+/* Where what a value holds begins; count: values in it; size: its bytes where it holds none. */
+static Value open_value(Value at, uint64_t *count, uint64_t *size) {
+    int kind = *at++, bytes = 0;
+    *count = *size = 0;
+    if (kind >= 0x80 && kind <= 0x9f) *count = (uint64_t)(kind & 15) << (kind < 0x90); /* a map's keys, too */
+    else if (kind >= 0xa0 && kind <= 0xbf) *size = kind & 31;
+    else if (kind >= 0xc4 && kind <= 0xc6) *size = big_endian(at, bytes = 1 << (kind - 0xc4));
+    else if (kind >= 0xca && kind <= 0xcb) *size = 4 << (kind - 0xca);
+    else if (kind >= 0xcc && kind <= 0xd3) *size = 1 << (kind & 3);
+    else if (kind >= 0xd9 && kind <= 0xdb) *size = big_endian(at, bytes = 1 << (kind - 0xd9));
+    else if (kind >= 0xdc && kind <= 0xdf) *count = big_endian(at, bytes = 2 << (kind & 1)) << (kind > 0xdd);
+    return at + bytes;
+}
+
+static Value after(Value at) {
+    uint64_t count, size;
+    for (at = open_value(at, &count, &size) + size; count; count--) at = after(at);
+    return at;
+}
+
+static int is_text(Value at, const char *text) {
+    uint64_t count, size;
+    Value data = open_value(at, &count, &size);
+    return size == strlen(text) && memcmp(data, text, size) == 0;
+}
+
+/* The value of a map's key. */
+static Value get(Value map, const char *key) {
+    uint64_t count, size;
+    for (Value at = open_value(map, &count, &size); count; count -= 2, at = after(after(at)))
+        if (is_text(at, key)) return after(at);
+    exit(1);
+}
+
+static double number(Value at) {
+    double found;
+    uint64_t bits = big_endian(at + 1, 8);
+    memcpy(&found, &bits, 8);
+    return *at == 0xcb ? found : *at < 0x80 ? *at : NAN; /* a whole one may be short */
+}
+
+/* An array's numbers, which are [dtype, shape, bytes]: a copy, and how many there are. */
+static double *numbers(Value array, uint32_t *n) {
+    uint64_t count, size;
+    Value data = open_value(after(after(array + 1)), &count, &size);
+    double *own = malloc(size + 8);
+    memcpy(own, data, size), *n = (uint32_t)(size / 8);
     return own;
 }
 
-static void command(double acceleration, double steering) {
-    /* numbers, intent, has_plan, plan */
-    struct { uint32_t counts[4]; double numbers[2]; unsigned char has_plan[16]; } body =
-        {{2, 0, 1, 0}, {acceleration, steering}, {0}};
-    send_message(CONTROL, &body, sizeof body);
+static void put(unsigned char *at, double value) {
+    uint64_t bits;
+    memcpy(&bits, &value, 8);
+    for (int k = 0; k < 8; k++) at[k] = (unsigned char)(bits >> (56 - 8 * k));
 }
 
-static void act(const unsigned char *body) {
-    /* numbers, ego_lane, history, poses, speeds, lanes, indicators, distances */
-    split(body, "84888418");
-    const double *now = numbers(field[0]), *poses = numbers(field[3]);
-    double x = now[2], y = now[3], heading = now[4], speed = now[5], s = now[11], left = now[13];
+static void command(double acceleration, double steering) {
+    unsigned char body[] = "\x83\xa4kind\xa7" "control\xac" "acceleration\xcb" "........\xa8steering\xcb" "........";
+    put(body + 28, acceleration), put(body + 46, steering);
+    send_message(body, sizeof body - 1);
+}
+
+static void new_path(Value path) {
+    free(points), free(limit_s), free(limits);
+    points = numbers(get(path, "line"), &n_points), n_points /= 2;
+    limit_s = numbers(get(path, "limit_s"), &n_limits);
+    limits = numbers(get(path, "limit"), &n_limits);
+}
+
+static void act(Value body) {
+    if (*get(body, "path") != 0xc0) new_path(get(body, "path")); /* nil: the same as before */
+    Value ego = get(body, "ego"), route = get(body, "route") + 1; /* s, d, remaining */
+    double x = number(get(ego, "x")), y = number(get(ego, "y")), heading = number(get(ego, "heading"));
+    double speed = number(get(ego, "speed")), s = number(route), left = number(after(after(route)));
+    uint32_t n_poses;
+    double *poses = numbers(get(get(body, "actors"), "pose"), &n_poses); /* x y heading */
     double ahead = 4.0 + 0.8 * speed, along = 0.0, wanted = 8.0, gap = 1e9;
     double tx = points[2 * n_points - 2], ty = points[2 * n_points - 1];
     for (uint32_t k = 1; k < n_points; k++) { /* the point of the route that far ahead */
@@ -85,12 +131,13 @@ static void act(const unsigned char *body) {
         along += d;
     }
     for (uint32_t k = 0; k < n_limits; k++)
-        if (limits[2 * k] <= s) wanted = limits[2 * k + 1];
-    for (uint32_t k = 0; k < field[3].count / 3; k++) { /* road users in the lane ahead: x y heading */
+        if (limit_s[k] <= s) wanted = limits[k];
+    for (uint32_t k = 0; k < n_poses / 3; k++) { /* road users in the lane ahead */
         double dx = poses[3 * k] - x, dy = poses[3 * k + 1] - y;
         double u = dx * cos(heading) + dy * sin(heading), v = -dx * sin(heading) + dy * cos(heading);
         if (u > 0.0 && fabs(v) < 1.8 && u - 5.0 < gap) gap = u - 5.0;
     }
+    free(poses);
     double bearing = atan2(ty - y, tx - x) - heading;
     if (left < gap) wanted = fmin(wanted, 6.0);
     wanted = fmin(wanted, sqrt(fmax(2.0 * 2.0 * (gap - 2.0), 0.0)));
@@ -106,23 +153,16 @@ static void connect_line(const char *place) {
 
 int main(void) {
     if (getenv("TSBENCH_LINE")) connect_line(getenv("TSBENCH_LINE"));
-    const char facts[] = "{\"protocol\": 3, \"name\": \"follow_route\", \"sign_access\": false}";
-    unsigned char hello[16 + 96] = {sizeof facts - 1}; /* its count, and zeros behind both */
-    uint32_t head[2];
-    memcpy(hello + 16, facts, sizeof facts - 1);
-    send_message(HELLO, hello, (uint32_t)(16 + filled(sizeof facts - 1)));
+    const char hello[] =
+        "\x84\xa4kind\xa5hello\xa8protocol\x04\xa4name\xac" "follow_route\xabsign_access\xc2";
+    send_message(hello, sizeof hello - 1);
     for (;;) {
-        read_all(head, sizeof head);
-        unsigned char *body = malloc(head[0] + 1);
-        read_all(body, head[0]);
-        if (head[1] == CONTEXT) send_message(DONE, "", 0);
-        if (head[1] == OBSERVATION) act(body);
-        if (head[1] == ROUTE) { /* edges, points, piece_lanes, pieces, limits, destination */
-            split(body, "184888");
-            free(points), free(limits);
-            points = copy(field[1]), n_points = field[1].count / 2;
-            limits = copy(field[4]), n_limits = field[4].count / 2;
-        }
+        uint32_t size;
+        read_all(&size, sizeof size);
+        unsigned char *body = malloc(size);
+        read_all(body, size);
+        if (is_text(get(body, "kind"), "context")) send_message("\x81\xa4kind\xa4" "done", 11);
+        if (is_text(get(body, "kind"), "observation")) act(body);
         free(body);
     }
 }

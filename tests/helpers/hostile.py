@@ -152,7 +152,7 @@ class Garbage(Honest):
 
 class Oversize(Honest):
     def act(self, observation):
-        os.write(_line(), struct.pack("<II", 1 << 30, 12))
+        os.write(_line(), struct.pack("<I", 1 << 30))
         return super().act(observation)
 
 
@@ -160,7 +160,8 @@ class Counts(Honest):
     """A field that says it has more items than there are."""
 
     def act(self, observation):
-        os.write(_line(), struct.pack("<II4Idd", 32, 12, 4_000_000_000, 0, 0, 0, 0.0, 0.0))
+        body = b"\x82\xa4kind\xa7control\xa6intent\xdd\xff\xff\xff\xff"
+        os.write(_line(), struct.pack("<I", len(body)) + body)
         return super().act(observation)
 
 

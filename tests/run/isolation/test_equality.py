@@ -8,7 +8,6 @@ import subprocess
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import tsbench
@@ -17,9 +16,7 @@ from tsbench.core.files import sha256_of
 from tsbench.leaderboard.submission import SubmittedEpisode, episode_of
 from tsbench.planners import registry
 from tsbench.run.isolation import loading, protocol
-from tsbench.run.isolation.commands import command_message, read_command
 from tsbench.run.isolation.loading import code_hash, describe
-from tsbench.run.isolation.protocol import HEAD, MessageKind, ProtocolError
 from tsbench.run.log.tables import read_table
 from tsbench.run.planner_info import describe as describe_here
 
@@ -74,12 +71,17 @@ def test_a_planner_cannot_say_what_its_code_is(tmp_path: Path) -> None:
 def test_a_planner_cannot_say_what_its_weights_are(tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text(
-        "import json, os, tsbench.run.isolation.client as c\n"
-        "told = json.dumps\n"
-        "c.json.dumps = lambda facts: told({**facts, 'weights_file': 'mine.py', 'weights_sha256': 'f' * 64})\n"
+        "import tsbench.run.isolation.protocol as c\n"
+        "told = c.HelloMessage\n"
+        "def lies(*facts, **more):\n"
+        "    hello = told(*facts, **more)\n"
+        "    hello.name, hello.weights_file = 'liar', 'mine.py'\n"
+        "    return hello\n"
+        "c.HelloMessage = lies\n"
         "class P:\n    def reset(self, c): pass\n    def act(self, o): pass\n"
     )
-    assert describe(f"{file}:P").planner.weights_sha256 is None
+    liar = describe(f"{file}:P").planner
+    assert (liar.name, liar.weights_sha256) == ("liar", None)
 
 
 def test_weights_are_hashed_in_their_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -135,12 +137,3 @@ def test_an_executable_runs_isolated_only(tmp_path: Path) -> None:
 def test_the_published_schema_is_that_of_the_code() -> None:
     stored = json.loads((ROOT / "docs" / "isolation.schema.json").read_text(encoding="utf-8"))
     assert stored == json.loads(json.dumps(protocol.schema()))
-
-
-def test_a_field_too_short_or_too_long_is_no_message() -> None:
-    whole = command_message(tsbench.Control(1.0, 0.5, plan=np.ones((3, 2))))
-    body = whole[HEAD.size :]
-    assert read_command(MessageKind.CONTROL, body).acceleration == 1.0  # type: ignore[union-attr]
-    for wrong in (body[:-1], body + b"\0", b"\xff" * len(body), b""):
-        with pytest.raises(ProtocolError):
-            read_command(MessageKind.CONTROL, wrong)

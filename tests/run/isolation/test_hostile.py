@@ -22,7 +22,7 @@ from tsbench.episode.outcome import Outcome
 from tsbench.run.execution.executor import Limits
 from tsbench.run.isolation import process
 from tsbench.run.isolation.loading import describe
-from tsbench.run.isolation.protocol import MessageKind, pack
+from tsbench.run.isolation.protocol import EndMessage, frame
 from tsbench.run.log.tables import read_table
 from tsbench.run.options import Options
 from tsbench.run.plan import Request
@@ -186,12 +186,11 @@ class AtStart:
 """
 # Says of itself what a terminal would obey, in the place of KEY.
 RUDE = """
-import json, os, socket, struct, sys
+import json, msgspec, socket, struct
 line = socket.socket(fileno=3)
-told = {"protocol": 3, "name": "mine", **json.loads(KEY)}
-data = json.dumps(told).encode()
-size = len(data) + -len(data) % 16
-line.sendall(struct.pack(f"<III12x{size}s", 16 + size, 2, len(data), data))
+told = {"kind": "hello", "protocol": 4, "name": "mine", **json.loads(KEY)}
+data = msgspec.msgpack.encode(told)
+line.sendall(struct.pack("<I", len(data)) + data)
 while True:
     line.recv(1)
 """
@@ -210,7 +209,7 @@ def test_who_connects_and_says_nothing_is_given_up(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(process, "_ANSWER_S", 1.0)
     planner = process.PlannerProcess(rude(tmp_path, {}))
     with pytest.raises(process.IsolatedPlannerError, match="the planner has not answered within 1 s"):
-        planner.ask(pack(MessageKind.END))
+        planner.ask(frame(EndMessage()))
     planner.close()
 
 
@@ -224,9 +223,13 @@ def rude(folder: Path, told: dict[str, Any]) -> str:
 @pytest.mark.parametrize(
     ("told", "said"),
     [
-        ({"name": "mi\x1b[2Jne"}, r"HELLO: control characters in the text mi\\x1b\[2Jne"),
-        ({"weights_file": "gnp\u202egnp"}, "HELLO: control characters in the text"),
-        ({"problem": "\x9b2J"}, "HELLO: control characters in the text"),
+        ({"name": "mi\x1b[2Jne"}, r"HelloMessage: control characters in the text mi\\x1b\[2Jne"),
+        ({"weights_file": "gnp\u202egnp"}, "HelloMessage: control characters in the text"),
+        ({"problem": "\x9b2J"}, "HelloMessage: control characters in the text"),
+        ({"na\x1b[2Jme": "mine"}, r"isolated: .*unknown field `na\\x1b\[2Jme`"),
+        ({"name": 7}, r"isolated: .*Expected `str`, got `int` - at `\$.name`"),
+        ({"kind": "done"}, "isolated: .*unknown field"),
+        ({"protocol": 3}, "speaks protocol 3, this tsbench 4"),
         ({"name": "x" * 101}, "says of itself what cannot be"),
         ({"name": "two\nlines"}, "says of itself what cannot be"),
     ],

@@ -15,7 +15,7 @@ import pytest
 from patience import HANG_S
 
 from tsbench.run.isolation import loading, process, system_calls
-from tsbench.run.isolation.protocol import MessageKind, pack
+from tsbench.run.isolation.protocol import VERSION, Answer, DoneMessage, EndMessage, HelloMessage, frame
 
 FILE = Path(leaving.__file__)
 FIRST = 0.2
@@ -90,12 +90,12 @@ class Told:
 
     def __init__(self) -> None:
         Told.made += 1
-        self.facts = {"forks": True}
+        self.facts = HelloMessage(VERSION, forks=True)
 
-    def ask(self, request: bytes) -> tuple[MessageKind, bytes]:
-        if request == pack(MessageKind.END) and Told.made == 1:
+    def ask(self, request: bytes) -> Answer:
+        if request == frame(EndMessage()) and Told.made == 1:
             raise process.IsolatedPlannerError("ended")
-        return MessageKind.DONE, b""
+        return DoneMessage()
 
     def close(self) -> None:
         pass
@@ -123,7 +123,7 @@ class Keeps(Told):
 
     def __init__(self) -> None:
         super().__init__()
-        self.facts = {"forks": False, "keeps_process": True}
+        self.facts = HelloMessage(VERSION, keeps_process=True)
 
 
 @pytest.mark.parametrize(("marked", "processes"), [(True, 1), (False, 4)])

@@ -192,7 +192,7 @@ def test_all_sandboxes_of_a_worker_have_the_same_files(tmp_path: Path) -> None:
     told = []
     for copied in (own, None):
         process = PlannerProcess(spec, (), copied)
-        told.append(process.facts["floor"])
+        told.append(process.facts.floor)
         process.close()
     assert told == [False, True]
 

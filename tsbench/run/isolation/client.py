@@ -8,7 +8,6 @@ speaks so, in any language, is a planner.
 
 from __future__ import annotations
 
-import json
 import os
 import socket
 import sys
@@ -18,14 +17,15 @@ from typing import Any
 
 from tsbench.core.errors import InputError, cause_of
 from tsbench.core.machine import adopt_orphans
+from tsbench.core.text import written_out
 from tsbench.planners.base import Planner, PlannerContext
 from tsbench.planners.loading import cause_with_place
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run.execution.fresh_episode import end_as, run_in_child, shared_with_children
+from tsbench.run.isolation import protocol
 from tsbench.run.isolation.commands import command_message
 from tsbench.run.isolation.episode_messages import Decoder
 from tsbench.run.isolation.leavings import Leavings
-from tsbench.run.isolation.protocol import HEAD, LINE, VERSION, MessageKind, pack
 
 _ROOM_BYTES = 1 << 16
 _LONGEST_TEXT = 100_000
@@ -44,26 +44,23 @@ class Client:
         self._line, self._loaded, self._leavings = line, loaded, leavings
         self._planner: Planner | None = planner
         self._decoder = Decoder()
-        # Made once: to make room for each message takes longer than to read it.
-        self._heard = bytearray(_ROOM_BYTES)
-        self._view = memoryview(self._heard)
-        self._start = self._end = 0
+        self._heard = os.fdopen(line.fileno(), "rb", _ROOM_BYTES, closefd=False)
 
     def serve(self) -> None:
         """Until the line is closed, or an episode has left something: its sandbox is none for the next."""
         while (message := self._message()) is not None:
-            if self._leavings is not None and message[0] is MessageKind.CONTEXT:
+            if self._leavings is not None and isinstance(message, protocol.ContextMessage):
                 if not self._episode_in_child(message, self._leavings):
                     return
             else:
-                self._hear(*message)
+                self._hear(message)
 
-    def _hear(self, kind: MessageKind, body: bytes) -> None:
-        asked = self._decoder.hear(kind, body)
+    def _hear(self, message: protocol.Asked) -> None:
+        asked = self._decoder.hear(message)
         if asked is not None:
             self._line.sendall(self._answer(asked))
 
-    def _episode_in_child(self, context: tuple[MessageKind, bytes], leavings: Leavings) -> bool:
+    def _episode_in_child(self, context: protocol.ContextMessage, leavings: Leavings) -> bool:
         """One episode, up to its END, which is answered if nothing of it is left. Is nothing left?"""
         status = run_in_child(lambda: self._episode(context))
         if status is not None:
@@ -72,13 +69,13 @@ class Client:
             return False
         # The referee may have gone.
         with suppress(OSError):
-            self._line.sendall(pack(MessageKind.DONE))
+            self._line.sendall(protocol.frame(protocol.DoneMessage()))
         return True
 
-    def _episode(self, context: tuple[MessageKind, bytes]) -> None:
-        message: tuple[MessageKind, bytes] | None = context
-        while message is not None and message[0] is not MessageKind.END:
-            self._hear(*message)
+    def _episode(self, context: protocol.ContextMessage) -> None:
+        message: protocol.Asked | None = context
+        while message is not None and not isinstance(message, protocol.EndMessage):
+            self._hear(message)
             message = self._message()
 
     def _answer(self, asked: Any) -> bytes:
@@ -88,38 +85,20 @@ class Client:
                 if self._planner is None:
                     self._planner = self._loaded.factory()
                 self._planner.reset(asked)
-                return pack(MessageKind.DONE)
+                return protocol.frame(protocol.DoneMessage())
             assert self._planner is not None
             output = self._planner.act(asked)
         except BaseException as problem:
-            return pack(MessageKind.FAILED, cause_of(problem)[:500], traceback.format_exc()[-_LONGEST_TEXT:])
+            # Half a character, in what a planner says, is no reason to say nothing.
+            detail = traceback.format_exc()[-_LONGEST_TEXT:].encode(errors="backslashreplace").decode()
+            return protocol.frame(protocol.FailedMessage(cause_of(problem)[:500], detail))
         return command_message(output)
 
-    def _message(self) -> tuple[MessageKind, bytes] | None:
-        while True:
-            have = self._end - self._start
-            if have >= HEAD.size:
-                size, kind = HEAD.unpack_from(self._heard, self._start)
-                whole = HEAD.size + size
-                if have >= whole:
-                    body = bytes(self._view[self._start + HEAD.size : self._start + whole])
-                    self._start += whole
-                    return MessageKind(kind), body
-                if whole > len(self._heard):
-                    self._enlarge(whole)
-            # What is left goes to the front: the referee waits for the answer, so it is little, but for maps.
-            if self._start:
-                self._view[:have] = bytes(self._view[self._start : self._end])
-                self._start, self._end = 0, have
-            more = self._line.recv_into(self._view[have:])
-            if not more:
-                return None
-            self._end += more
-
-    def _enlarge(self, size: int) -> None:
-        larger = bytearray(size)
-        larger[: len(self._heard)] = self._heard
-        self._heard, self._view = larger, memoryview(larger)
+    def _message(self) -> protocol.Asked | None:
+        head = self._heard.read(protocol.HEAD.size)
+        size = protocol.HEAD.unpack(head)[0] if len(head) == protocol.HEAD.size else 0
+        body = self._heard.read(size)
+        return self._decoder.read(body) if body and len(body) == size else None
 
 
 def main(spec: str) -> None:
@@ -130,15 +109,17 @@ def main(spec: str) -> None:
         loaded = resolve(spec)
         planner = _made(loaded)
     except InputError as problem:
-        line.sendall(pack(MessageKind.HELLO, json.dumps({"protocol": VERSION, "problem": str(problem)})))
+        line.sendall(
+            protocol.frame(protocol.HelloMessage(protocol.VERSION, problem=written_out(str(problem))))
+        )
         return
     forks = not (loaded.own or loaded.keeps_process or shared_with_children() - before)
-    facts = {
-        "protocol": VERSION, "name": loaded.name, "privileged": loaded.privileged, "sign_access": loaded.sign_access,
-        "floor": loaded.floor, "weights_file": loaded.weights.file if loaded.weights else None,
-        "forks": forks, "keeps_process": not forks,
-    }  # fmt: skip
-    line.sendall(pack(MessageKind.HELLO, json.dumps(facts)))
+    weights_file = loaded.weights.file if loaded.weights else None
+    facts = protocol.HelloMessage(
+        protocol.VERSION, loaded.name, loaded.privileged, loaded.sign_access, loaded.floor, weights_file,
+        forks=forks, keeps_process=not forks,
+    )  # fmt: skip
+    line.sendall(protocol.frame(facts))
     Client(line, loaded, planner, Leavings(line) if forks else None).serve()
 
 
@@ -148,8 +129,8 @@ def _connected() -> socket.socket:
         line = socket.socket(socket.AF_UNIX)
         line.connect(place)
         return line
-    line = socket.socket(fileno=os.dup(LINE))
-    os.close(LINE)
+    line = socket.socket(fileno=os.dup(protocol.LINE))
+    os.close(protocol.LINE)
     return line
 
 

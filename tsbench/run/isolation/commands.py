@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from tsbench.core.errors import PlannerOutputError, cause_of
+from tsbench.core.text import written_out
 from tsbench.planners.base import Control, Trajectory
-from tsbench.run.isolation.maps import fixed
-from tsbench.run.isolation.protocol import MessageKind, ProtocolError, lines, pack, unpack
-from tsbench.run.isolation.ticks import plain_control_message, read_plain_control
+from tsbench.run.isolation import protocol
+from tsbench.run.isolation.protocol import ProtocolError
 from tsbench.sim.ego import MAX_TRAJECTORY_POSES
-
-Output = Control | Trajectory
 
 
 def command_message(output: object) -> bytes:
@@ -23,52 +20,35 @@ def command_message(output: object) -> bytes:
         if isinstance(output, Control):
             # A number of the planner's own making may raise what it likes.
             numbers = (_number(output.acceleration), _number(output.steering))
-            plan = output.plan
-            intent = _intent(output.intent)
-            if plan is None:
-                return plain_control_message(*numbers, intent)
-            return pack(MessageKind.CONTROL, numbers, intent, (True,), _array("Control.plan", plan, 2))
+            plan = None if output.plan is None else _floats("Control.plan", output.plan, 2)
+            return protocol.frame(protocol.ControlMessage(*numbers, _intent(output.intent), plan))
         if isinstance(output, Trajectory):
             times, poses = output.times, output.poses
-            if isinstance(times, np.ndarray) and isinstance(poses, np.ndarray) and len(times) != len(poses):
-                raise PlannerOutputError(f"times and poses have shapes {times.shape} and {poses.shape}")
-            single = [getattr(part, "dtype", None) == np.float32 for part in (times, poses)]
-            return pack(
-                MessageKind.TRAJECTORY, single, _array("Trajectory.times", times, 1),
-                _array("Trajectory.poses", poses, 3), _intent(output.intent),
+            return protocol.frame(
+                protocol.TrajectoryMessage(
+                    _floats("Trajectory.times", times, 1), _floats("Trajectory.poses", poses, 3),
+                    _intent(output.intent),
+                )
             )  # fmt: skip
     except KeyboardInterrupt:
         raise
     except BaseException as problem:
-        return pack(
-            MessageKind.INVALID, f"{type(output).__name__} cannot be read ({cause_of(problem)})"[:500]
-        )
-    return pack(
-        MessageKind.INVALID, f"act returned {type(output).__name__}, expected Control or Trajectory"[:500]
-    )
+        reason = f"{type(output).__name__} cannot be read ({cause_of(problem)})"
+    else:
+        reason = f"act returned {type(output).__name__}, expected Control or Trajectory"
+    return protocol.frame(protocol.InvalidMessage(written_out(reason)[:500]))
 
 
-def read_command(kind: MessageKind, body: bytes) -> Output:
+def read_command(answer: protocol.Answer) -> Control | Trajectory:
     """The command of a message. Raises PlannerOutputError or ProtocolError."""
-    if kind is MessageKind.CONTROL:
-        plain = read_plain_control(body)
-        if plain is not None:
-            acceleration, steering, edges = plain
-            return Control(acceleration, steering, _edges(edges))
-        numbers, intent, has_plan, plan = unpack(kind, body)
-        if len(numbers) != 2 or len(has_plan) != 1 or len(plan) % 2:
-            raise ProtocolError("CONTROL: not two numbers and a plan of pairs")
-        points = fixed(plan.reshape(-1, 2)) if has_plan[0] else None
-        return Control(float(numbers[0]), float(numbers[1]), _edges(intent), points)
-    if kind is MessageKind.TRAJECTORY:
-        single, times, poses, intent = unpack(kind, body)
-        if len(single) != 2 or len(poses) != 3 * len(times):
-            raise ProtocolError("TRAJECTORY: not three numbers for each time")
-        dtypes = [np.float32 if one else np.float64 for one in single]
-        return Trajectory(times.astype(dtypes[0]), poses.reshape(-1, 3).astype(dtypes[1]), _edges(intent))
-    if kind is MessageKind.INVALID:
-        raise PlannerOutputError(unpack(kind, body)[0][:500])
-    raise ProtocolError(f"{kind.name} is no answer to an observation")
+    if isinstance(answer, protocol.ControlMessage):
+        plan = None if answer.plan is None else answer.plan.array()
+        return Control(answer.acceleration, answer.steering, answer.intent, plan)
+    if isinstance(answer, protocol.TrajectoryMessage):
+        return Trajectory(answer.times.array(), answer.poses.array(), answer.intent)
+    if isinstance(answer, protocol.InvalidMessage):
+        raise PlannerOutputError(answer.reason[:500])
+    raise ProtocolError(f"{type(answer).__name__} is no answer to an observation")
 
 
 def _number(value: object) -> float:
@@ -78,7 +58,7 @@ def _number(value: object) -> float:
     return float(value)  # type: ignore[arg-type]
 
 
-def _array(name: str, value: Any, width: int) -> Any:
+def _floats(name: str, value: Any, width: int) -> protocol.Floats:
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
         raise PlannerOutputError(f"{name} is {type(value).__name__}, expected a NumPy array of numbers")
     good = value.ndim == 1 if width == 1 else value.ndim == 2 and value.shape[1] == width
@@ -86,14 +66,13 @@ def _array(name: str, value: Any, width: int) -> Any:
         raise PlannerOutputError(
             f"{name} has shape {value.shape}, expected at most {MAX_TRAJECTORY_POSES} rows"
         )
-    return value
+    single = value.dtype == np.float32
+    return protocol.Floats(
+        "<f4" if single else "<f8", value.shape, np.asarray(value, "<f4" if single else "<f8").tobytes()
+    )
 
 
-def _intent(edges: Sequence[str]) -> str:
-    if not isinstance(edges, tuple) or any(not isinstance(edge, str) or "\n" in edge for edge in edges):
+def _intent(edges: object) -> tuple[str, ...]:
+    if not isinstance(edges, tuple) or not all(isinstance(edge, str) for edge in edges):
         raise PlannerOutputError("intent is no tuple of edge ids")
-    return lines(edges)
-
-
-def _edges(text: str) -> tuple[str, ...]:
-    return tuple(text.split("\n")) if text else ()
+    return tuple(map(str.__str__, edges))

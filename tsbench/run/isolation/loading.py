@@ -46,21 +46,15 @@ def describe(spec: str, hidden: Sequence[Path] = (), only: Sequence[str] = ()) -
         process.close()
     finally:
         files.remove()
-    name = facts.get("name") or _stem(inner)
-    weights_file = facts.get("weights_file")
-    if (
-        not isinstance(name, str)
-        or len(name) > _LONGEST
-        or "\n" in name
-        or not isinstance(weights_file, str | None)
-    ):
+    name = facts.name or _stem(inner)
+    if len(name) > _LONGEST or "\n" in name:
         raise InputError(f"planner {spec!r}: says of itself what cannot be: {facts!r:.80}")
-    remembers = facts.get("keeps_process") is True and not begins_afresh(spec)
+    remembers = facts.keeps_process and not begins_afresh(spec)
     # Isolated networks run on the CPU.
     info = PlannerInfo(
-        name=name, spec=spec, served_on=(), weights_sha256=weights_hash(inner, weights_file),
-        code_sha256=code_hash(inner), privileged=bool(facts.get("privileged", False)),
-        sign_access=bool(facts.get("sign_access", True)), floor=bool(facts.get("floor", False)),
+        name=name, spec=spec, served_on=(), weights_sha256=weights_hash(inner, facts.weights_file),
+        code_sha256=code_hash(inner), privileged=facts.privileged,
+        sign_access=facts.sign_access, floor=facts.floor,
         may_remember=remembers, files=files.lines,
     )  # fmt: skip
     return SandboxedPlanner(info, process.effects)

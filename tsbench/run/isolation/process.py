@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -14,12 +13,13 @@ from tsbench.core.errors import InputError, PlannerOutputError
 from tsbench.core.text import fault_in_texts, one_line
 from tsbench.planners.base import Control, Observation, PlannerContext, Trajectory
 from tsbench.run.execution.child import cause_of_end
+from tsbench.run.isolation import protocol
 from tsbench.run.isolation.commands import read_command
 from tsbench.run.isolation.episode_messages import Encoder
 from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import Container, image_of
 from tsbench.run.isolation.printed import Printed
-from tsbench.run.isolation.protocol import HEAD, MOST_BYTES, VERSION, MessageKind, ProtocolError, pack, unpack
+from tsbench.run.isolation.protocol import ProtocolError
 from tsbench.run.isolation.sandbox import Sandbox
 
 _READ_BYTES = 1 << 16
@@ -68,12 +68,12 @@ class PlannerProcess:
         self._line.settimeout(self._patience)
         self._heard = b""
         try:
-            self.facts: dict[str, Any] = self._json(MessageKind.HELLO)
-            if self.facts.get("protocol") != VERSION:
-                told = self.facts.get("protocol")
-                raise InputError(f"planner {spec!r}: speaks protocol {told!r:.20}, this tsbench {VERSION}")
-            if "problem" in self.facts:
-                raise InputError(one_line(str(self.facts["problem"])))
+            self.facts = self._hello()
+            if self.facts.protocol != protocol.VERSION:
+                told = self.facts.protocol
+                raise InputError(f"planner {spec!r}: speaks protocol {told}, this tsbench {protocol.VERSION}")
+            if self.facts.problem:
+                raise InputError(one_line(self.facts.problem))
         except (IsolatedPlannerError, ProtocolError) as problem:
             self.close()
             raise InputError(f"planner {spec!r}: does not come up isolated: {problem}") from None
@@ -83,7 +83,7 @@ class PlannerProcess:
         self._patience = _ANSWER_S
         self._line.settimeout(self._patience)
 
-    def ask(self, request: bytes) -> tuple[MessageKind, bytes]:
+    def ask(self, request: bytes) -> protocol.Answer:
         """Its answer. Raises IsolatedPlannerError where it ends, ProtocolError for what is no answer."""
         try:
             self._line.sendall(request)
@@ -91,26 +91,23 @@ class PlannerProcess:
             raise self._silent() from None
         except OSError:
             raise IsolatedPlannerError(self._end()) from None
-        kind, body = self._message()
+        answer = self._message()
         if self._heard:
             raise ProtocolError("more than one answer")
-        return kind, body
+        return answer
 
-    def _message(self) -> tuple[MessageKind, bytes]:
+    def _message(self) -> protocol.Answer:
         heard, end = self._heard, time.monotonic() + self._patience
-        while len(heard) < HEAD.size:
+        while len(heard) < protocol.HEAD.size:
             heard += self._more(end)
-        size, number = HEAD.unpack_from(heard)
-        if size > MOST_BYTES:
-            raise ProtocolError(f"a message of {size} bytes, at most {MOST_BYTES} are allowed")
-        whole = HEAD.size + size
+        (size,) = protocol.HEAD.unpack_from(heard)
+        if size > protocol.MOST_BYTES:
+            raise ProtocolError(f"a message of {size} bytes, at most {protocol.MOST_BYTES} are allowed")
+        whole = protocol.HEAD.size + size
         while len(heard) < whole:
             heard += self._more(end)
         self._heard = heard[whole:]
-        try:
-            return MessageKind(number), heard[HEAD.size : whole]
-        except ValueError:
-            raise ProtocolError(f"a message of kind {number}, which there is not") from None
+        return protocol.read_answer(heard[protocol.HEAD.size : whole])
 
     def _more(self, end: float) -> bytes:
         """The next bytes; end: until when the whole message has to be here."""
@@ -129,18 +126,12 @@ class PlannerProcess:
     def _silent(self) -> IsolatedPlannerError:
         return IsolatedPlannerError(f"the planner has not answered within {self._patience:.0f} s")
 
-    def _json(self, wanted: MessageKind) -> dict[str, Any]:
-        kind, body = self._message()
-        if kind is not wanted:
-            raise ProtocolError(f"{kind.name} where {wanted.name} belongs")
-        try:
-            told = json.loads(unpack(kind, body)[0])
-        except (ValueError, RecursionError):
-            told = None
-        if not isinstance(told, dict):
-            raise ProtocolError(f"{wanted.name} is no JSON object")
-        if fault := fault_in_texts(told):
-            raise ProtocolError(f"{wanted.name}: {fault}")
+    def _hello(self) -> protocol.HelloMessage:
+        told = self._message()
+        if not isinstance(told, protocol.HelloMessage):
+            raise ProtocolError(f"{type(told).__name__} where HelloMessage belongs")
+        if fault := fault_in_texts([told.name, told.weights_file, told.problem]):
+            raise ProtocolError(f"HelloMessage: {fault}")
         return told
 
     def _end(self) -> str:
@@ -195,10 +186,10 @@ class IsolatedPlanner:
         if self._process is None:
             self._process, self._encoder, self._episodes = self._make(), Encoder(), 0
         self._episodes += 1
-        kind, body = self._ask(self._encoder.context(context))
-        if kind is not MessageKind.DONE or body:
+        answer = self._ask(self._encoder.context(context))
+        if not isinstance(answer, protocol.DoneMessage):
             self.close()
-            raise PlannerOutputError(f"no message of the protocol: {kind.name} to a context")
+            raise PlannerOutputError(f"no message of the protocol: {type(answer).__name__} to a context")
 
     def _end_episode(self) -> None:
         """What the last episode left is gone after this, and with it the process where that takes its end."""
@@ -206,12 +197,12 @@ class IsolatedPlanner:
             return
         facts, alone = self._process.facts, self._alone or self._episodes >= _MOST_EPISODES
         # What it says now may be another word than the run's.
-        if not alone and (self._own or (self._keeps and facts.get("keeps_process") is True)):
+        if not alone and (self._own or (self._keeps and facts.keeps_process)):
             return
-        if not alone and facts.get("forks") is True:
+        if not alone and facts.forks:
             # Whatever goes wrong belongs to no episode: the next one begins with a new process.
             with suppress(IsolatedPlannerError, PlannerOutputError):
-                if self._ask(pack(MessageKind.END)) == (MessageKind.DONE, b""):
+                if isinstance(self._ask(protocol.frame(protocol.EndMessage())), protocol.DoneMessage):
                     return
             # A planner that could have its sandbox replaced, or not, would tell the next episode something by that.
             self._alone = True
@@ -219,22 +210,21 @@ class IsolatedPlanner:
 
     def act(self, observation: Observation) -> Control | Trajectory:
         try:
-            kind, body = self._ask(self._encoder.observation(observation))
-            return read_command(kind, body)
+            return read_command(self._ask(self._encoder.observation(observation)))
         except ProtocolError as problem:
             self.close()
             return Control(_NoNumber(f"no message of the protocol: {problem}"), 0.0)  # type: ignore[arg-type]
         except PlannerOutputError as problem:
             return Control(_NoNumber(str(problem)), 0.0)  # type: ignore[arg-type]
 
-    def _ask(self, request: bytes) -> tuple[MessageKind, bytes]:
+    def _ask(self, request: bytes) -> protocol.Answer:
         if self._process is None:
             raise IsolatedPlannerError("the planner's process has ended")
         try:
-            kind, body = self._process.ask(request)
-            if kind is MessageKind.FAILED:
-                reason, detail = unpack(kind, body)
-                raise IsolatedPlannerError(one_line(reason)[:_TEXT_BYTES]) from IsolatedPlannerError(detail)
+            answer = self._process.ask(request)
+            if isinstance(answer, protocol.FailedMessage):
+                reason = one_line(answer.reason)[:_TEXT_BYTES]
+                raise IsolatedPlannerError(reason) from IsolatedPlannerError(answer.detail)
         except ProtocolError as problem:
             self.close()
             raise PlannerOutputError(f"no message of the protocol: {problem}") from None
@@ -242,7 +232,7 @@ class IsolatedPlanner:
             if problem.__cause__ is None:
                 self.close()
             raise
-        return kind, body
+        return answer
 
     def close(self) -> None:
         if self._process is not None:
