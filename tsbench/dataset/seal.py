@@ -17,7 +17,8 @@ from typing import Any
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, sha256_of, write_json
 from tsbench.core.paths import OWN_CITY, dataset_root
-from tsbench.core.textfile import dataclass_from_json, read_json
+from tsbench.core.textfile import read_json
+from tsbench.core.typed import typed
 from tsbench.dataset.city import chosen_city
 from tsbench.dataset.scenes.build import Progress, TypeReport
 from tsbench.dataset.scenes.city_build import build_city
@@ -108,7 +109,7 @@ def read_commitments(path: Path) -> Commitments:
     """Raises InputError for what are none."""
     raw: dict[str, Any] = read_json(path, "commitments")
     try:
-        found: Commitments = dataclass_from_json(Commitments, raw)
+        found: Commitments = typed(Commitments, raw)
     except (KeyError, TypeError, ValueError) as problem:
         raise InputError(f"{path}: no commitments of a sealed data set: {problem}") from None
     if found.schema != SCHEMA_VERSION:

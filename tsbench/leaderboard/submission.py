@@ -21,7 +21,8 @@ from tsbench.core.errors import InputError
 from tsbench.core.parquet import OSM_LICENCE
 from tsbench.core.paths import is_city_name
 from tsbench.core.text import fault_in_name, fault_in_texts
-from tsbench.core.textfile import dataclass_from_json, read_json, read_yaml
+from tsbench.core.textfile import read_json, read_yaml
+from tsbench.core.typed import typed
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACT, PATH, PerceptionLevel, load_level
 from tsbench.metrics.aggregate import summarise
@@ -184,7 +185,7 @@ def read_submission(path: Path) -> Submission:
     if {key: data.pop(key, None) for key in OSM_LICENCE} != OSM_LICENCE:
         raise InputError(f"{path}: malformed submission (licence: expected {OSM_LICENCE['licence']!r})")
     try:
-        found = dataclass_from_json(Submission, data)
+        found = typed(Submission, data)
         if fault := _fault_of_submission(found, data):
             raise ValueError(fault)
         # Refuses numbers that JSON has none of.
@@ -239,7 +240,7 @@ def _fault_of_files(found: Submission) -> str:
 def fault_of_arithmetic(told: Any) -> str:
     """Why it is not what `tsbench.run.arithmetic.facts` says, "" where it is."""
     try:
-        versions = dataclass_from_json(Arithmetic, told).versions
+        versions = typed(Arithmetic, told).versions
     except ValueError as problem:
         return f"arithmetic: {problem}"
     strange = [name for name, version in versions.items() if not isinstance(version, str | None)]

@@ -17,7 +17,8 @@ import tsbench
 from tsbench.core import provenance
 from tsbench.core.errors import InputError
 from tsbench.core.paths import OWN_CITY
-from tsbench.core.textfile import dataclass_from_json, read_json
+from tsbench.core.textfile import read_json
+from tsbench.core.typed import typed
 from tsbench.episode.perception_level import Perception
 from tsbench.metrics.aggregate import FLOOR
 from tsbench.planners.builtin import origin
@@ -103,7 +104,7 @@ def plain_planners(planners: Sequence[PlannerInfo]) -> list[dict[str, Any]]:
 
 def planners_of(manifest: Mapping[str, Any]) -> list[PlannerInfo]:
     """The planners of a manifest, in the order of the command."""
-    found = [dataclass_from_json(PlannerInfo, planner) for planner in manifest["planners"]]
+    found = [typed(PlannerInfo, planner) for planner in manifest["planners"]]
     # Runs from before there were scoring numbers have a hash for the code of tsbench's own.
     return [replace(one, code_sha256=None) if comes_with_tsbench(one.spec) else one for one in found]
 
@@ -201,7 +202,7 @@ def _fault(value: Any, shape: Any, where: str) -> str:
         return next(filter(None, faults), "")
     if is_dataclass(shape) and isinstance(shape, type):
         try:
-            dataclass_from_json(shape, value)
+            typed(shape, value)
         except ValueError:
             return where
         return ""
