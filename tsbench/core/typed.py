@@ -5,7 +5,18 @@ import types
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    Required,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+    is_typeddict,
+)
 
 import msgspec
 from msgspec import Meta
@@ -32,17 +43,17 @@ T = TypeVar("T")
 Meaning = TypeVar("Meaning")
 
 
-def typed(kind: type[T], value: object, strict: bool = True) -> T:
+def typed(kind: type[T], value: object, *, strict: bool = True, more: bool = False) -> T:
     """A value of a type: a dataclass with its fields and no others (those with a default may be missing), or what such
     fields may be. Raises ValueError for others.
 
-    strict: else texts may stand for numbers: JSON has none for NaN and the infinities.
+    strict: else texts may stand for numbers: JSON has none for NaN and the infinities. more: there may be other fields.
     """
     try:
         made = msgspec.convert(value, kind, strict=strict)
     except msgspec.ValidationError as problem:
         raise ValueError(_fault(kind, value, str(problem))) from None
-    if fault := next(_strange(value, made), ""):
+    if fault := not more and next(_strange(value, made), ""):
         raise ValueError(fault)
     return made
 
@@ -61,7 +72,7 @@ def read_sheet(kind: type[T], path: Path, name: str, meaning: Callable[[T], Mean
 
     Raises InputError for whatever is wrong with it, ValueError of `meaning` included.
     """
-    content = read_yaml(path, f"file that names its {name}")
+    content = read_yaml(path, f"sheet of the {name} {path.stem!r}")
     try:
         schema = content.pop("schema", "missing") if isinstance(content, dict) else SCHEMA
         if schema is True or schema != SCHEMA:
@@ -82,7 +93,7 @@ def _strange(given: Any, made: Any) -> Iterator[str]:
         known = made if isinstance(made, Mapping) else {f.name: getattr(made, f.name) for f in fields(made)}
         for key, inner in given.items():
             if key not in known:
-                yield f"{key}: unknown key; there are {', '.join(known)}"
+                yield f"{key}: unknown key" + f"; there are {', '.join(known)}" * is_dataclass(made)
             else:
                 yield from (f"{key}: {fault}" for fault in _strange(inner, known[key]))
     elif isinstance(given, list | tuple):
@@ -141,7 +152,7 @@ def _fails(kind: Any, value: object) -> bool:
 def _part(kind: Any, field: str) -> Any:
     """The type of a field of a dataclass, or of the entries of a mapping or a list."""
     for arm in _arms(kind):
-        if field and is_dataclass(arm):
+        if field and (is_dataclass(arm) or is_typeddict(arm)):
             return get_type_hints(arm, include_extras=True)[field]
         if not field and get_origin(arm) not in (None, Literal):
             parts = [part for part in get_args(arm) if part is not ...]
@@ -151,6 +162,6 @@ def _part(kind: Any, field: str) -> Any:
 
 def _arms(kind: Any) -> tuple[Any, ...]:
     """The types that a type is one of."""
-    if get_origin(kind) is Annotated:
+    if get_origin(kind) in (Annotated, Required):
         return _arms(get_args(kind)[0])
     return get_args(kind) if get_origin(kind) in (Union, types.UnionType) else (kind,)
