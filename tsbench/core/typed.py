@@ -129,7 +129,7 @@ def _fault(kind: Any, value: Any, told: str) -> str:
         where.append(missing[1])
         what = "is missing"
     elif allowed := [word for arm in _arms(kind) if get_origin(arm) is Literal for word in get_args(arm)]:
-        what = f"{value!r:.80} is none of {', '.join(allowed)}"
+        what = f"{value!r:.80} is none of {', '.join(map(str, allowed))}"
     elif what.startswith("Expected "):
         wanted = re.sub(
             "`(.*?)`",

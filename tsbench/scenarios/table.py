@@ -6,8 +6,10 @@ import math
 from collections.abc import Iterable
 from dataclasses import asdict
 from pathlib import Path
+from typing import Annotated
 
 import pyarrow as pa
+from msgspec import Meta
 
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
@@ -17,6 +19,7 @@ from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.spec import CONTRAST, MOST_TICKS, SCHEMA_VERSION, SIGNED, ScenarioSpec
 
 SPLITS = tuple(MAPS)
+Split = Annotated[str, Meta(pattern=rf"^({'|'.join(SPLITS)})$")]
 # Tables from before contrast pairs lack them.
 _LATER = ("pair_id", "half", "place")
 SCHEMA = pa.schema(

@@ -30,7 +30,7 @@ from tsbench.run.contract import SCORING
 from tsbench.run.edition import standing_contract
 from tsbench.run.log.schema import SCHEMA_VERSION
 from tsbench.run.planner_info import PlannerInfo
-from tsbench.scenarios.table import SPLITS
+from tsbench.scenarios.table import Split
 
 Manifest = dict[str, Any]
 
@@ -44,13 +44,12 @@ _SAME = ("contract", "planners", "effective")
 _OF_RUNS = ("scenarios", "types", "variants", "trace", "mask_signs")
 _Whole = Annotated[int, Meta(ge=-(2**53), le=2**53)]
 _Real = Annotated[float, Meta(ge=-(2.0**53), le=2.0**53)]
-_Split = Annotated[str, Meta(pattern=rf"\A({'|'.join(SPLITS)})\Z")]
 _State = Literal["running", "interrupted", "complete"]
 
 
 class _Effective(TypedDict, total=False):
     city: str
-    split: Required[_Split]
+    split: Required[Split]
     scenarios: _Whole
     types: list[str]
     variants: str
