@@ -104,7 +104,7 @@ EXTRACT = {
         ({"split": {"tile_m": 1000, "test_share": 0.5, "dev": [[1]]}}, "dev: number 1: must be a list of length 2"),
         ({"extracts": []}, "extracts: must be a list of length >= 1"),
         ({"extracts": [{**EXTRACT, "date": 2014}]}, "extracts: number 1: date: must be text, not 2014"),
-        ({"extracts": [{**EXTRACT, "sha256": "0" * 63}]}, "sha256: must be text matching regex"),
+        ({"extracts": [{**EXTRACT, "sha256": "0" * 63}]}, "sha256: must be 64 digits"),
         ({"extracts": [{**EXTRACT, "bytes": 0}]}, "bytes: must be a whole number >= 1"),
         ({"extracts": [EXTRACT, {**EXTRACT, "name": "b"}]}, "the same code stands twice"),
     ],

@@ -144,7 +144,7 @@ def test_a_file_that_is_none(tmp_path: Path, text: str, said: str) -> None:
     ("where", "to", "said"),
     [
         (("effective", "device"), "cpu ", "device 'cpu ': expected cpu, cuda"),
-        (("effective", "split"), "/tmp/x.parquet", "effective: split: must be text matching"),
+        (("effective", "split"), "/tmp/x.parquet", "effective: split: '/tmp/x.parquet' is none of test, dev"),
         (("effective", "city"), "../x", "city '../x': a city's name is of a-z"),
         (("effective", "perception"), level("poor", right=0.99), "called poor, but is not tsbench's level"),
         (("arithmetic",), None, "arithmetic: "),

@@ -70,25 +70,6 @@ def test_malformed_files_give_one_line_with_file_and_key(
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        (b"", "must be a mapping"),
-        (b"- 1\n", "must be a mapping"),
-        (b"\xff\xfe\x00", "not UTF-8"),
-        (b"!!python/object/apply:os.getcwd []\n", "could not determine a constructor"),
-        (b"{[a]: 1}\n", "unhashable key"),
-        (b"a: 1\n---\nb: 2\n", "another document"),
-    ],
-)
-def test_files_that_are_no_mapping_give_one_line(catalog_copy: Path, content: bytes, said: str) -> None:
-    (catalog_copy / "signs" / "2.4.yaml").write_bytes(content)
-    with pytest.raises(InputError, match=r"2\.4\.yaml") as caught:
-        load_catalog(catalog_copy)
-    assert said in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
 def test_a_catalogue_without_files_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="no YAML files"):
         load_catalog(tmp_path)

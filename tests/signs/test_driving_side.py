@@ -50,7 +50,7 @@ def test_a_country_s_file_cannot_say_otherwise(edited: Callable[[str, str, str],
     ("old", "new", "says"),
     [
         ("left: [\n  ag,", "left: [\n  de, ag,", "de: stands twice"),
-        ("left: [\n  ag,", "left: [\n  Ag,", "left: number 1: must be text matching"),
+        ("left: [\n  ag,", "left: [\n  Ag,", "'Ag': a code is two small letters"),
     ],
 )
 def test_a_wrong_table_is_one_line(

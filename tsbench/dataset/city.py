@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -38,7 +39,7 @@ class Extract:
     well_tagged: bool
     date: str
     address: str
-    sha256: Annotated[str, Meta(pattern=r"\A[0-9a-f]{64}\Z")]
+    sha256: str
     bytes: Annotated[int, Meta(ge=1, le=_MOST_BYTES)]
     licence: str
     rank: int = 0
@@ -137,6 +138,8 @@ def _checked(city: City, path: Path) -> City:
         )
     if not city.maps or set(city.maps) - set(MAPS):
         raise ValueError(f"maps: expected numbers for some of {', '.join(MAPS)}")
+    if any(not re.fullmatch("[0-9a-f]{64}", extract.sha256) for extract in city.extracts):
+        raise ValueError("extracts: sha256: must be 64 digits of 0-9 and a-f")
     for key in ("name", "code"):
         if len({getattr(extract, key) for extract in city.extracts}) < len(city.extracts):
             raise ValueError(f"extracts: the same {key} stands twice")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property
@@ -39,6 +40,7 @@ KIND, SCHEMA_VERSION = "tsbench-submission", 1
 # What stands before the fields. The rows are of OpenStreetMap's roads.
 _HEAD = {"kind": KIND, "schema": SCHEMA_VERSION, **OSM_LICENCE}
 _DIGEST_HEX = 32
+_DIGEST = re.compile(rf"[0-9a-f]{{{_DIGEST_HEX}}}")
 _Percent = Annotated[float, Meta(ge=0, le=100)]
 _Count = Annotated[int, Meta(ge=0)]
 # The submitter's own words, in characters.
@@ -57,7 +59,7 @@ class SubmittedEpisode:
     outcome: str
     scd: bool
     clauses: tuple[str, ...]
-    digest: Annotated[str, Meta(pattern=rf"^[0-9a-f]{{{_DIGEST_HEX}}}$")]
+    digest: str
 
     @property
     def verdict(self) -> tuple[str, bool, tuple[str, ...]]:
@@ -264,6 +266,8 @@ def fault_of_episodes(episodes: Sequence[SubmittedEpisode]) -> str:
         if episode.scd is not (outcome is Outcome.ARRIVED and not episode.clauses):
             told = ", ".join([outcome, *episode.clauses])
             return f"{name}: scd is {str(episode.scd).lower()}, which {told} contradicts"
+        if not _DIGEST.fullmatch(episode.digest):
+            return f"{name}: digest: expected {_DIGEST_HEX} hexadecimal digits"
         # The name of its scenario is in it.
         if episode.digest in digests:
             return f"{name}: has the digest of {digests[episode.digest]}"

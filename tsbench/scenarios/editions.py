@@ -13,7 +13,7 @@ import yaml
 from tsbench.core.files import write_atomic
 from tsbench.core.paths import dataset_file, dataset_root
 from tsbench.core.typed import read_typed
-from tsbench.scenarios.table import Split
+from tsbench.scenarios.table import SplitName
 
 
 def scene_editions(root: Path | None = None) -> dict[str, str]:
@@ -21,7 +21,7 @@ def scene_editions(root: Path | None = None) -> dict[str, str]:
     path = dataset_file("scenarios/editions.yaml") if root is None else root / "editions.yaml"
     if not path.is_file():
         return {}
-    return read_typed(dict[Split, str], path, "list of editions")
+    return {**read_typed(dict[SplitName, str], path, "list of editions")}
 
 
 def write_scene_editions(scenes: Mapping[str, str]) -> None:

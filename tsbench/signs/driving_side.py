@@ -1,26 +1,25 @@
 """The side that traffic keeps to, by country: `sign_catalog/driving_sides.yaml` has every code of ISO 3166."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Literal
-
-from msgspec import Meta
+from typing import Literal
 
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_file
 from tsbench.core.typed import Text, read_sheet
 
 Side = Literal["left", "right"]
-_Code = Annotated[str, Meta(pattern=r"\A[a-z]{2}\Z")]
+_CODE = re.compile("[a-z]{2}")
 
 
 @dataclass(frozen=True)
 class _File:
     table: Text
-    left: tuple[_Code, ...]
-    right: tuple[_Code, ...]
+    left: tuple[Text, ...]
+    right: tuple[Text, ...]
 
 
 def country_code(text: str, where: str) -> str:
@@ -47,6 +46,8 @@ def _read(path: Path) -> Mapping[str, Side]:
 def _sides(file: _File) -> Mapping[str, Side]:
     codes = (*file.left, *file.right)
     for code in codes:
+        if not _CODE.fullmatch(code):
+            raise ValueError(f"{code!r:.80}: a code is two small letters")
         if codes.count(code) > 1:
             raise ValueError(f"{code}: stands twice")
     return {**dict.fromkeys(file.left, "left"), **dict.fromkeys(file.right, "right")}

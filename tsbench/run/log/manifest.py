@@ -30,7 +30,7 @@ from tsbench.run.contract import SCORING
 from tsbench.run.edition import standing_contract
 from tsbench.run.log.schema import SCHEMA_VERSION
 from tsbench.run.planner_info import PlannerInfo
-from tsbench.scenarios.table import Split
+from tsbench.scenarios.table import SplitName
 
 Manifest = dict[str, Any]
 
@@ -49,7 +49,7 @@ _State = Literal["running", "interrupted", "complete"]
 
 class _Effective(TypedDict, total=False):
     city: str
-    split: Required[Split]
+    split: Required[SplitName]
     scenarios: _Whole
     types: list[str]
     variants: str
