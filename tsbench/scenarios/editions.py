@@ -21,7 +21,8 @@ def scene_editions(root: Path | None = None) -> dict[str, str]:
     path = dataset_file("scenarios/editions.yaml") if root is None else root / "editions.yaml"
     if not path.is_file():
         return {}
-    return {**read_typed(dict[SplitName, str], path, "list of editions")}
+    found = read_typed(dict[SplitName, str], path, "list of editions")
+    return {str(split): edition for split, edition in found.items()}
 
 
 def write_scene_editions(scenes: Mapping[str, str]) -> None:
