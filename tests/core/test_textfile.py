@@ -1,18 +1,15 @@
-"""Text from outside, and dataclasses from plain values."""
+"""Text from outside."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tsbench.core.errors import InputError, cause_of
 from tsbench.core.text import csv_text, fault_in_name, fault_in_texts, one_line
-from tsbench.core.textfile import dataclass_from_json, read_json
+from tsbench.core.textfile import read_json
 
 # A terminal clears its screen, a name ends in another file type, half a character, a bell, a C1 control.
 UNSAFE = ("\x1b[2J", "gnp\u202egnp", "half \ud800", "\a", "\x9b2J", "\0", "\u2066x")
@@ -117,47 +114,3 @@ def test_what_is_nested_too_deep_is_refused(tmp_path: Path) -> None:
     path.write_text('{"a": ' * 51 + "1" + "}" * 51)
     with pytest.raises(InputError, match="more than 50 levels deep"):
         read_json(path, "thing")
-
-
-@dataclass(frozen=True)
-class Inner:
-    name: str
-    value: float | None
-
-
-@dataclass(frozen=True)
-class Outer:
-    count: int
-    ready: bool
-    inner: Inner | None
-    several: tuple[Inner, ...]
-    more: Mapping[str, Any]
-    rows: list[dict[str, Any]]
-
-
-WHOLE = Outer(
-    3, True, Inner("a", None), (Inner("b", 0.1 + 0.2), Inner("c", float("inf"))), {"k": [1]}, [{"r": 1}]
-)
-
-
-def test_what_json_keeps_comes_back_bit_for_bit() -> None:
-    assert dataclass_from_json(Outer, json.loads(json.dumps(asdict(WHOLE)))) == WHOLE
-
-
-def test_numbers_that_json_lacks_may_be_text() -> None:
-    assert dataclass_from_json(Inner, {"name": "a", "value": "-inf"}).value == float("-inf")
-    assert isinstance(dataclass_from_json(Inner, {"name": "a", "value": 2}).value, float)
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"count": True}, {"count": 1.0}, {"count": 1 << 63}, {"inner": {"name": "a", "value": 10**400}},
-        {"count": "3"}, {"ready": 1}, {"inner": {"name": "a"}}, {"inner": [1]},
-        {"several": {"name": "b"}}, {"several": [{"name": 1, "value": None}]}, {"more": []}, {"rows": {}}, {"new": 1},
-        {"inner": {"name": "a", "value": "much"}},
-    ],
-)  # fmt: skip
-def test_anything_else_is_refused(change: dict[str, Any]) -> None:
-    with pytest.raises(ValueError, match=r"expected|has the fields"):
-        dataclass_from_json(Outer, {**json.loads(json.dumps(asdict(WHOLE))), **change})

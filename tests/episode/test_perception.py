@@ -16,7 +16,7 @@ import pytest
 from scipy.stats import binomtest
 
 from tsbench.core.errors import InputError
-from tsbench.core.textfile import dataclass_from_json
+from tsbench.core.typed import typed
 from tsbench.episode.perception import (
     FALSE,
     MISREAD,
@@ -238,8 +238,8 @@ def test_levels_of_files(tmp_path: Path) -> None:
     assert fog is not None
     assert (fog.name, fog.half_px, fog.scale_px) == ("fog", 25.0, level("good").scale_px)
     for text, words in (
-        ("{right: 0.5}", "fields"),
-        (path.read_text().replace("0.5,", "1.5,", 1), "right: 1.5 is no share"),
+        ("{right: 0.5}", "ceiling: is missing"),
+        (path.read_text().replace("0.5,", "1.5,", 1), "right: must be a number <= 1.0, not 1.5"),
         ("[]", "a mapping"),
     ):
         path.write_text(text)
@@ -278,7 +278,7 @@ def test_the_same_bytes_in_two_processes_and_in_any_order(tmp_path: Path) -> Non
     assert json.loads(there) == here
     told = read_trace(tmp_path / f"{names[0]}.parquet").told
     assert told
-    assert told == tuple(dataclass_from_json(SignDetection, asdict(one)) for one in told)
+    assert told == tuple(typed(SignDetection, asdict(one)) for one in told)
 
 
 def test_exact_tells_nothing_and_keeps_its_bytes(tmp_path: Path) -> None:

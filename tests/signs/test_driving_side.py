@@ -51,8 +51,6 @@ def test_a_country_s_file_cannot_say_otherwise(edited: Callable[[str, str, str],
     [
         ("left: [\n  ag,", "left: [\n  de, ag,", "de: stands twice"),
         ("left: [\n  ag,", "left: [\n  Ag,", "'Ag': a code is two small letters"),
-        ('"no"', "no", "right"),
-        ("right: [", "wrong: [", "wrong"),
     ],
 )
 def test_a_wrong_table_is_one_line(

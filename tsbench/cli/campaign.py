@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import click
+from msgspec import Meta
 
 from tsbench.cli import EXIT_FAILED, EXIT_INPUT, EXIT_INTERRUPTED, options
 from tsbench.cli.analyse import KINDS
@@ -21,7 +22,7 @@ from tsbench.cli.run import drive
 from tsbench.cli.run import run as run_command
 from tsbench.core.errors import InputError
 from tsbench.core.text import written_out
-from tsbench.core.textfile import read_yaml
+from tsbench.core.typed import read_typed
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.log.folder import TRACES
 from tsbench.run.log.read import is_run
@@ -52,26 +53,38 @@ class CampaignAnalysis:
     runs: tuple[CampaignRun, ...]
 
 
+@dataclass(frozen=True)
+class _Analysis:
+    analysis: str
+    runs: Annotated[tuple[str, ...], Meta(min_length=1)]
+    name: str | None = None
+
+
+@dataclass(frozen=True)
+class _File:
+    runs: Annotated[tuple[dict[str, Any], ...], Meta(min_length=1)]
+    defaults: dict[str, Any] = field(default_factory=dict)
+    analyses: Annotated[tuple[_Analysis, ...], Meta(min_length=1)] = ()
+
+
 def read_campaign(path: Path) -> tuple[tuple[CampaignRun, ...], tuple[CampaignAnalysis, ...]]:
     """The runs and the analyses of a file, checked. Raises InputError with the place in it."""
-    content = _mapping(read_yaml(path, "campaign"), f"{path}", ("runs", "defaults", "analyses"))
-    defaults = _mapping(content.get("defaults", {}), f"{path}: defaults")
-    entries = _list(content.get("runs"), f"{path}: runs")
-    runs = tuple(one for n, entry in enumerate(entries, 1) for one in _runs(entry, defaults, path, n))
+    file = read_typed(_File, path, "campaign")
+    runs = tuple(one for n, entry in enumerate(file.runs, 1) for one in _runs(entry, file.defaults, path, n))
     names = [one.name for one in runs]
     if twice := [name for k, name in enumerate(names) if name in names[:k]]:
         raise InputError(f"{path}: runs: {twice[0]}: two runs have this name: rename one")
     for one in runs:
         with options_of(one, {}, path):
             pass
-    wanted = _list(content["analyses"], f"{path}: analyses") if "analyses" in content else ()
-    made = (_analysis(entry, runs, f"{path}: analyses {n}") for n, entry in enumerate(wanted, 1))
+    made = (_analysis(entry, runs, f"{path}: analyses {n}") for n, entry in enumerate(file.analyses, 1))
     return runs, tuple(made)
 
 
-def _runs(entry: Any, defaults: Mapping[str, Any], path: Path, number: int) -> Iterator[CampaignRun]:
+def _runs(
+    told: Mapping[str, Any], defaults: Mapping[str, Any], path: Path, number: int
+) -> Iterator[CampaignRun]:
     """The run of an entry, or one for each of its levels of perception."""
-    told = _mapping(entry, f"{path}: runs {number}")
     name = _name(told.get("name"), f"{path}: runs {number}")
     values = {key: value for key, value in {**defaults, **told}.items() if key != "name"}
     if own := [key for key in _NOT_IN_FILE if key in values]:
@@ -83,13 +96,13 @@ def _runs(entry: Any, defaults: Mapping[str, Any], path: Path, number: int) -> I
         yield CampaignRun(name + suffix, given_options(run_command, one, f"{path}: {name}:"))
 
 
-def _analysis(entry: Any, runs: Sequence[CampaignRun], where: str) -> CampaignAnalysis:
-    told = _mapping(entry, where, ("analysis", "name", "runs"))
-    kind = told.get("analysis")
-    if kind not in KINDS:
-        raise InputError(f"{where}: analysis: {kind!r}: expected one of {', '.join(KINDS)}")
-    chosen = _named(_list(told.get("runs"), f"{where}: runs"), runs, f"{where}: runs")
-    return CampaignAnalysis(kind, _name(told.get("name", kind), where), chosen)
+def _analysis(told: _Analysis, runs: Sequence[CampaignRun], where: str) -> CampaignAnalysis:
+    if told.analysis not in KINDS:
+        raise InputError(f"{where}: analysis: {told.analysis!r}: expected one of {', '.join(KINDS)}")
+    chosen = _named(told.runs, runs, f"{where}: runs")
+    return CampaignAnalysis(
+        told.analysis, _name(told.analysis if told.name is None else told.name, where), chosen
+    )
 
 
 def _named(names: Sequence[Any], runs: Sequence[CampaignRun], where: str) -> tuple[CampaignRun, ...]:
@@ -98,20 +111,6 @@ def _named(names: Sequence[Any], runs: Sequence[CampaignRun], where: str) -> tup
     if unknown := [name for name in names if name not in known]:
         raise InputError(f"{where}: {unknown[0]}: no such run; there are {', '.join(known)}")
     return tuple(one for one in runs if one.name in names)
-
-
-def _mapping(value: Any, where: str, keys: Collection[str] = ()) -> Mapping[str, Any]:
-    if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
-        raise InputError(f"{where}: expected keys with values")
-    if unknown := [key for key in value if keys and key not in keys]:
-        raise InputError(f"{where}: {unknown[0]}: no such key; there are {', '.join(keys)}")
-    return value
-
-
-def _list(value: Any, where: str) -> Sequence[Any]:
-    if not isinstance(value, list) or not value:
-        raise InputError(f"{where}: expected a list of at least one")
-    return value
 
 
 def _name(value: Any, where: str) -> str:

@@ -4,34 +4,29 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import yaml
+from msgspec import Meta
 
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
 from tsbench.core.fetch import fetch_file
 from tsbench.core.files import sha256_of, write_atomic
-from tsbench.core.paths import LEFT, MIRRORED, RIGHT, cities_folder, city_in_use, driven_as, using_city
-from tsbench.core.textfile import read_yaml
+from tsbench.core.paths import LEFT, MIRRORED, cities_folder, city_in_use, driven_as, using_city
+from tsbench.core.typed import SCHEMA, read_sheet
 from tsbench.dataset.maps.names import extracts_in, file_at
 from tsbench.dataset.maps.utm import UtmFrame
 from tsbench.signs.countries import country_codes, load_country
-from tsbench.signs.driving_side import country_code, driving_sides
+from tsbench.signs.driving_side import Side, country_code, driving_sides
 
-SCHEMA_VERSION = 1
 # A country's extract has less.
 _MOST_BYTES = 1 << 34
 # What a city's `types` may say besides the name of a type map: the town's, with its country's speeds.
 COUNTRY_TYPES, TOWN_TYPES = "country", "town.typ.xml"
-_KEYS = {"schema", "city", "title", "country", "side", "zone", "types", "split", "extracts"}
-_MAY = {"maps", "withdrawn"}
-_SPLIT_KEYS, _SPLIT_MAY = {"tile_m", "test_share"}, {"holdout", "dev"}
-_EXTRACT_KEYS = {"name", "code", "well_tagged", "date", "address", "sha256", "bytes", "licence"}
-
 Tile = tuple[int, int]
 
 
@@ -45,7 +40,7 @@ class Extract:
     date: str
     address: str
     sha256: str
-    bytes: int
+    bytes: Annotated[int, Meta(ge=1, le=_MOST_BYTES)]
     licence: str
     rank: int = 0
 
@@ -58,8 +53,8 @@ class SplitPlan:
     without any, all that is not test is dev.
     """
 
-    tile_m: float
-    test_share: float
+    tile_m: Annotated[float, Meta(ge=500, le=20_000)]
+    test_share: Annotated[float, Meta(ge=0, le=1)]
     holdout: frozenset[Tile] = frozenset()
     dev: frozenset[Tile] = frozenset()
 
@@ -72,21 +67,27 @@ class SplitPlan:
 class City:
     """What the data set of a city is made from.
 
-    side: that traffic keeps to. zone: of UTM, the frame of all extracts: most nodes of each lie in it. types: its
-    type map, in `sumo_nets/netconvert/`, or COUNTRY_TYPES.
+    city: its name. side: that traffic keeps to. zone: of UTM, the frame of all extracts: most nodes of each lie in it.
+    types: its type map, in `sumo_nets/netconvert/`, or COUNTRY_TYPES.
     maps: of each type at most, by the splits that it has. withdrawn: ids of maps that no new scene is made on.
     """
 
-    name: str
+    city: str
     title: str
     country: str
-    side: str
-    zone: int
+    side: Side
+    zone: Annotated[int, Meta(ge=1, le=60)]
     types: str
     split: SplitPlan
-    maps: Mapping[str, int]
-    extracts: tuple[Extract, ...]
+    extracts: Annotated[tuple[Extract, ...], Meta(min_length=1)]
+    maps: Mapping[str, Annotated[int, Meta(ge=1, le=max(MAPS.values()))]] = field(
+        default_factory=lambda: MAPS
+    )
     withdrawn: frozenset[str] = frozenset()
+
+    @property
+    def name(self) -> str:
+        return self.city
 
     @property
     def frame(self) -> UtmFrame:
@@ -119,82 +120,37 @@ def load_city(name: str) -> City:
         raise InputError(
             f"{path}: no such city; there are {', '.join(city_names()) or 'none'} (docs/guides/city.md)"
         )
-    return _read(path, name)
+    return _read(path)
 
 
 @cache
-def _read(path: Path, name: str) -> City:
-    data = read_yaml(path, "description of a city")
-    _keys(path, "", data, _KEYS, _MAY)
-    if data["schema"] != SCHEMA_VERSION or data["city"] != name:
-        raise InputError(f"{path}: expected `schema: {SCHEMA_VERSION}` and `city: {name}`")
-    for key in ("title", "country", "types"):
-        if not isinstance(data[key], str):
-            raise InputError(f"{path}: {key}: must be text, not {data[key]!r:.80}")
-    if data["side"] not in (RIGHT, LEFT):
-        raise InputError(f"{path}: side: {data['side']!r:.80}: expected {RIGHT} or {LEFT}")
-    country = country_code(data["country"], f"{path}: country")
-    side = driving_sides()[country]
-    if data["side"] != side:
-        raise InputError(f"{path}: side: {data['side']}: traffic keeps to the {side} in {country!r}")
-    if data["types"] == COUNTRY_TYPES and not has_speeds(country):
-        raise InputError(
-            f"{path}: types: no speeds are known of {country!r}: write {TOWN_TYPES}, "
-            "or the country's file (docs/signs.md)"
+def _read(path: Path) -> City:
+    return read_sheet(City, path, "city", lambda city: _checked(city, path))
+
+
+def _checked(city: City, path: Path) -> City:
+    country = country_code(city.country, f"{path}: country")
+    if city.side != (side := driving_sides()[country]):
+        raise ValueError(f"side: {city.side}: traffic keeps to the {side} in {country!r}")
+    if city.types == COUNTRY_TYPES and not has_speeds(country):
+        raise ValueError(
+            f"types: no speeds are known of {country!r}: write {TOWN_TYPES}, or the country's file (docs/signs.md)"
         )
-    _number(path, "zone", data["zone"], 1, 60, int)
-    maps = data.get("maps", MAPS)
-    if not isinstance(maps, dict) or not maps or set(maps) - set(MAPS):
-        raise InputError(f"{path}: maps: expected numbers for some of {', '.join(MAPS)}")
-    for split, count in maps.items():
-        _number(path, f"maps: {split}", count, 1, max(MAPS.values()), int)
-    withdrawn = data.get("withdrawn", [])
-    if not isinstance(withdrawn, list) or not all(isinstance(one, str) for one in withdrawn):
-        raise InputError(f"{path}: withdrawn: must be a list of map ids")
-    return City(
-        name, data["title"], country, data["side"], data["zone"], data["types"],
-        _split(path, data["split"]), maps, _extracts(path, data["extracts"]), frozenset(withdrawn),
-    )  # fmt: skip
+    if not city.maps or set(city.maps) - set(MAPS):
+        raise ValueError(f"maps: expected numbers for some of {', '.join(MAPS)}")
+    if any(not re.fullmatch("[0-9a-f]{64}", extract.sha256) for extract in city.extracts):
+        raise ValueError("extracts: sha256: must be 64 digits of 0-9 and a-f")
+    for key in ("name", "code"):
+        if len({getattr(extract, key) for extract in city.extracts}) < len(city.extracts):
+            raise ValueError(f"extracts: the same {key} stands twice")
+    ranked = tuple(replace(extract, rank=rank) for rank, extract in enumerate(city.extracts))
+    return replace(city, country=country, extracts=ranked)
 
 
 def has_speeds(country: str) -> bool:
     """Does the file of a country, by its code, say how fast roads are?"""
     traffic = load_country(country).traffic if country in country_codes() else None
     return traffic is not None and bool(traffic.speeds)
-
-
-def _split(path: Path, data: Any) -> SplitPlan:
-    _keys(path, "split: ", data, _SPLIT_KEYS, _SPLIT_MAY)
-    _number(path, "split: tile_m", data["tile_m"], 500, 20_000)
-    _number(path, "split: test_share", data["test_share"], 0.0, 1.0)
-    tiles = {key: data.get(key, []) for key in sorted(_SPLIT_MAY)}
-    for key, found in tiles.items():
-        if not isinstance(found, list) or not all(
-            isinstance(tile, list) and len(tile) == 2 and all(type(n) is int for n in tile) for tile in found
-        ):
-            raise InputError(f"{path}: split: {key}: expected pairs of whole numbers")
-    named = {key: frozenset((east, north) for east, north in found) for key, found in tiles.items()}
-    return SplitPlan(float(data["tile_m"]), float(data["test_share"]), **named)
-
-
-def _extracts(path: Path, data: Any) -> tuple[Extract, ...]:
-    if not isinstance(data, list) or not data:
-        raise InputError(f"{path}: extracts: must be a list of at least one")
-    for k, entry in enumerate(data):
-        where = f"extracts: number {k + 1}: "
-        _keys(path, where, entry, _EXTRACT_KEYS, set())
-        for key in sorted(_EXTRACT_KEYS - {"well_tagged", "bytes"}):
-            if not isinstance(entry[key], str):
-                raise InputError(f"{path}: {where}{key}: must be text (in quotes), not {entry[key]!r:.80}")
-        if not isinstance(entry["well_tagged"], bool):
-            raise InputError(f"{path}: {where}well_tagged: must be true or false")
-        _number(path, f"{where}bytes", entry["bytes"], 1, _MOST_BYTES, int)
-        if not re.fullmatch("[0-9a-f]{64}", entry["sha256"]):
-            raise InputError(f"{path}: {where}sha256: must be 64 digits of 0-9 and a-f")
-    for key in ("name", "code"):
-        if len({entry[key] for entry in data}) < len(data):
-            raise InputError(f"{path}: extracts: the same {key} stands twice")
-    return tuple(Extract(**entry, rank=rank) for rank, entry in enumerate(data))
 
 
 def check_extract(extract: Extract, path: Path) -> None:
@@ -227,7 +183,7 @@ def describe_city(path: Path, title: str, country: str, zone: int, facts: Mappin
         "licence": "ODbL-1.0",
     }
     data = {
-        "schema": SCHEMA_VERSION, "city": name, "title": title, "country": country,
+        "schema": SCHEMA, "city": name, "title": title, "country": country,
         "side": driving_sides()[country], "zone": zone, "types": types,
         "split": {"tile_m": 2000, "test_share": 0.7}, "maps": {"test": 5, "dev": 1}, "extracts": [extract],
     }  # fmt: skip
@@ -254,15 +210,3 @@ def fetch_extracts(name: str, osm_dir: Path, on_progress: Callable[[str], None])
             fetch_file(extract.address, extract.bytes, extract.sha256, path)
         check_extract(extract, path)
         on_progress(f"{path}: OpenStreetMap of {extract.date}, {extract.licence}")
-
-
-def _keys(path: Path, where: str, data: Any, must: set[str], may: set[str]) -> None:
-    if not isinstance(data, dict) or set(data) - may != must:
-        more = f" and perhaps {', '.join(sorted(may))}" if may else ""
-        raise InputError(f"{path}: {where}expected the keys {', '.join(sorted(must))}{more}")
-
-
-def _number(path: Path, where: str, value: Any, least: float, most: float, kind: type = object) -> None:
-    fits = isinstance(value, int | float) and not isinstance(value, bool) and isinstance(value, kind)
-    if not fits or not least <= value <= most:
-        raise InputError(f"{path}: {where}: {value!r:.80} is not in {least:g} to {most:g}")

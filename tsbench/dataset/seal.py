@@ -12,12 +12,13 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, sha256_of, write_json
 from tsbench.core.paths import OWN_CITY, dataset_root
-from tsbench.core.textfile import dataclass_from_json, read_json
+from tsbench.core.textfile import read_json
+from tsbench.core.typed import read_typed
 from tsbench.dataset.city import chosen_city
 from tsbench.dataset.scenes.build import Progress, TypeReport
 from tsbench.dataset.scenes.city_build import build_city
@@ -25,7 +26,7 @@ from tsbench.dataset.seeds import secret_sha256, using_secret
 from tsbench.run.edition import contract_now, edition_now
 from tsbench.scenarios.table import read_table, splits_there, table_path
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION: Literal[1] = 1
 _SEAL = "seal.json"
 # What a build leaves beside its data, to go on after a break; and the seal itself.
 _NOT_DATA = re.compile(r"(scenarios|sumo_nets)/build/.*|seal\.json")
@@ -45,7 +46,7 @@ class Commitments:
         files: SHA-256 (hex) by name, below the data set's folder.
     """
 
-    schema: int
+    schema: Literal[1]
     name: str
     title: str
     edition: str
@@ -106,14 +107,7 @@ def write_commitments(found: Commitments, path: Path) -> None:
 
 def read_commitments(path: Path) -> Commitments:
     """Raises InputError for what are none."""
-    raw: dict[str, Any] = read_json(path, "commitments")
-    try:
-        found: Commitments = dataclass_from_json(Commitments, raw)
-    except (KeyError, TypeError, ValueError) as problem:
-        raise InputError(f"{path}: no commitments of a sealed data set: {problem}") from None
-    if found.schema != SCHEMA_VERSION:
-        raise InputError(f"{path}: schema {found.schema}, this tsbench reads {SCHEMA_VERSION}")
-    return found
+    return read_typed(Commitments, path, "commitments of a sealed data set")
 
 
 def problems(published: Commitments, secret: Path | None) -> list[str]:

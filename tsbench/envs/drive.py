@@ -17,7 +17,7 @@ from gymnasium import spaces
 
 from tsbench.core.errors import InputError, SimulationError
 from tsbench.core.paths import check_driven, city_in_use, driven_city, expanded_text, using_city
-from tsbench.core.textfile import dataclass_from_json
+from tsbench.core.typed import typed
 from tsbench.envs.actions import PLAIN
 from tsbench.envs.encoders import KINDS
 from tsbench.envs.exits import EXIT, ExitAction
@@ -287,7 +287,7 @@ def _so_far(judged: Judged) -> dict[str, Any]:
 
 def _reward_of(fields: Mapping[str, float]) -> RewardSpec:
     try:
-        return dataclass_from_json(RewardSpec, fields)
+        return typed(RewardSpec, fields)
     except ValueError as problem:
         raise InputError(f"reward {fields!r}: {problem}") from problem
 

@@ -5,13 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from msgspec import Meta
 
 from tsbench.core.errors import InputError
-from tsbench.core.textfile import dataclass_from_json, read_yaml
+from tsbench.core.textfile import read_yaml
+from tsbench.core.typed import typed
 
 EXACT = "exact"
 PATH = Path(__file__).with_name("perception.yaml")
+_Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+_Measure = Annotated[float, Meta(ge=0.0, lt=1e6)]
 
 
 @dataclass(frozen=True)
@@ -26,27 +31,17 @@ class PerceptionLevel:
     """
 
     name: str
-    right: float
-    ceiling: float
-    misread: float
-    false_per_km: float
-    latency_s: float
-    half_px: float
-    scale_px: float
-    noise_m: float
+    right: _Share
+    ceiling: _Share
+    misread: _Share
+    false_per_km: _Measure
+    latency_s: _Measure
+    half_px: _Measure
+    scale_px: Annotated[float, Meta(gt=0.0, lt=1e6)]
+    noise_m: _Measure
     posts: bool
     values: tuple[tuple[float, ...], ...]
     codes: tuple[tuple[str, ...], ...]
-
-    def __post_init__(self) -> None:
-        for name in ("right", "ceiling", "misread"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ValueError(f"{name}: {getattr(self, name)} is no share (0-1)")
-        for name in ("false_per_km", "latency_s", "half_px", "noise_m"):
-            if not 0.0 <= getattr(self, name) < 1e6:
-                raise ValueError(f"{name}: {getattr(self, name)} is out of range")
-        if not 0.0 < self.scale_px < 1e6:
-            raise ValueError(f"scale_px: {self.scale_px} must be above 0")
 
     @property
     def told(self) -> float:
@@ -87,6 +82,6 @@ def load_level(given: str) -> PerceptionLevel | None:
 
 def _level(name: str, fields: Mapping[str, Any], where: str) -> PerceptionLevel:
     try:
-        return dataclass_from_json(PerceptionLevel, {"name": name, **fields})
+        return typed(PerceptionLevel, {"name": name, **fields})
     except ValueError as error:
         raise InputError(f"{where}: perception level {name}: {error}") from None

@@ -23,7 +23,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import replacing
 from tsbench.core.parquet import OSM_LICENCE, check_size
 from tsbench.core.text import one_line
-from tsbench.core.textfile import dataclass_from_json
+from tsbench.core.typed import typed
 from tsbench.episode.command import Plan
 from tsbench.episode.observation import destination_on_map, ego_on_map
 from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome, counted_against
@@ -203,7 +203,7 @@ def _head(file: pq.ParquetFile, path: Path) -> dict[str, Any]:
             raise InputError(
                 f"{path}: trace of schema {meta['schema']!r:.20}, this tsbench reads schema {TRACE_SCHEMA}"
             )
-        horizon = dataclass_from_json(ScenarioSpec, meta["scenario"]).horizon
+        horizon = typed(ScenarioSpec, meta["scenario"], strict=False).horizon
     if file.metadata.num_rows > horizon + 1:
         raise InputError(f"{path}: {file.metadata.num_rows} ticks, of a scenario that ends after {horizon}")
     return meta
@@ -226,22 +226,22 @@ def _trace(meta: Mapping[str, Any], table: Any) -> Trace:
     known = table.num_rows - table["acceleration"].null_count
     commands = np.column_stack([table[n].slice(0, known).to_numpy() for n in ("acceleration", "steering")])
     return Trace(
-        spec=dataclass_from_json(ScenarioSpec, meta["scenario"]),
+        spec=typed(ScenarioSpec, meta["scenario"], strict=False),
         planner=str(meta["planner"]),
         outcome=Outcome(meta["outcome"]),
         error=str(meta["error"]),
-        contact=None if meta["contact"] is None else dataclass_from_json(Contact, meta["contact"]),
-        target=dataclass_from_json(Verdict, meta["target"]),
-        others=tuple(dataclass_from_json(Verdict, verdict) for verdict in meta["others"]),
+        contact=None if meta["contact"] is None else typed(Contact, meta["contact"], strict=False),
+        target=typed(Verdict, meta["target"], strict=False),
+        others=tuple(typed(Verdict, verdict, strict=False) for verdict in meta["others"]),
         start_remaining_m=float(meta["start_remaining_m"]),
         snapshots=snapshots,
         commands=commands.astype(np.float64, copy=False),
         # Traces from before contrast scenes have none.
-        needless=tuple(dataclass_from_json(Violation, event) for event in meta.get("needless", ())),
+        needless=tuple(typed(Violation, event, strict=False) for event in meta.get("needless", ())),
         # Those of editions before 2026.3 have none.
-        wrong_way=tuple(dataclass_from_json(Violation, event) for event in meta.get("wrong_way", ())),
+        wrong_way=tuple(typed(Violation, event, strict=False) for event in meta.get("wrong_way", ())),
         plans=plans_of(table),
-        told=tuple(dataclass_from_json(SignDetection, one) for one in meta.get("told", ())),
+        told=tuple(typed(SignDetection, one, strict=False) for one in meta.get("told", ())),
     )
 
 

@@ -10,18 +10,21 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import MISSING, asdict, dataclass, fields, is_dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any
 
+import msgspec
 import pyarrow as pa
+from msgspec import Meta
 
 from tsbench.core.errors import InputError
 from tsbench.core.parquet import OSM_LICENCE
 from tsbench.core.paths import is_city_name
 from tsbench.core.text import fault_in_name, fault_in_texts
-from tsbench.core.textfile import dataclass_from_json, read_json, read_yaml
+from tsbench.core.textfile import read_json, read_yaml
+from tsbench.core.typed import typed
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACT, PATH, PerceptionLevel, load_level
 from tsbench.metrics.aggregate import summarise
@@ -38,11 +41,12 @@ KIND, SCHEMA_VERSION = "tsbench-submission", 1
 _HEAD = {"kind": KIND, "schema": SCHEMA_VERSION, **OSM_LICENCE}
 _DIGEST_HEX = 32
 _DIGEST = re.compile(rf"[0-9a-f]{{{_DIGEST_HEX}}}")
+_Percent = Annotated[float, Meta(ge=0, le=100)]
+_Count = Annotated[int, Meta(ge=0)]
 # The submitter's own words, in characters.
 _LONGEST = {"title": 200, "authors": 1000, "url": 1000, "note": 10_000}
 # All other texts: words, hashes, paths.
 _LONGEST_LINE = 1000
-_JSON = {str: "string", bool: "boolean", int: "integer", float: "number", dict: "object"}
 # Not of what was driven: the name is the planner's in this run, the text of an error names files of a machine.
 _UNCOMPARED = ("planner", "error")
 
@@ -69,10 +73,10 @@ class Figure:
 
     figure: str
     over: str
-    value: float | None
-    low: float | None
-    high: float | None
-    n: int
+    value: _Percent | None
+    low: _Percent | None
+    high: _Percent | None
+    n: _Count
 
 
 @dataclass(frozen=True)
@@ -82,7 +86,7 @@ class Arithmetic:
     simd: tuple[str, ...]
     blas: str
     libc: str
-    versions: dict[str, Any]
+    versions: dict[str, str | None]
     answers: Answers
 
 
@@ -104,7 +108,7 @@ class Submission:
     episodes: sorted by scenario_id. perception: how plates reached the planner; None: exactly.
     """
 
-    title: str
+    title: Annotated[str, Meta(min_length=1)]
     authors: str
     url: str
     note: str
@@ -121,7 +125,7 @@ class Submission:
     versions: dict[str, Any]
     machine: dict[str, Any]
     git: dict[str, Any]
-    rescored: int
+    rescored: _Count
     figures: tuple[Figure, ...]
     episodes: tuple[SubmittedEpisode, ...]
     isolation: dict[str, Any] | None = None
@@ -148,27 +152,14 @@ class Submission:
 def json_schema() -> dict[str, Any]:
     """The JSON Schema (draft 2020-12) of a submission, from its own fields."""
     head = {key: {"const": value} for key, value in _HEAD.items()}
-    own = _schema_of(Submission)
+    _, parts = msgspec.json.schema_components([Submission], ref_template="#/$defs/{name}")
+    for part in parts.values():
+        part["additionalProperties"] = False
+    own = parts.pop("Submission")
     return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema", "title": KIND, **own,
-        "properties": {**head, **own["properties"]}, "required": [*head, *own["required"]],
+        "$schema": "https://json-schema.org/draft/2020-12/schema", **own, "title": KIND,
+        "properties": {**head, **own["properties"]}, "required": [*head, *own["required"]], "$defs": parts,
     }  # fmt: skip
-
-
-def _schema_of(kind: Any) -> dict[str, Any]:
-    if is_dataclass(kind):
-        hints = get_type_hints(kind)
-        properties = {name: _schema_of(hint) for name, hint in hints.items()}
-        needed = [f.name for f in fields(kind) if f.default is MISSING]
-        return {
-            "type": "object", "properties": properties, "required": needed, "additionalProperties": False,
-        }  # fmt: skip
-    origin, parts = get_origin(kind) or kind, get_args(kind)
-    if type(None) in parts:
-        return {"anyOf": [_schema_of(parts[0]), {"type": "null"}]}
-    if origin is tuple:
-        return {"type": "array", "items": _schema_of(parts[0])}
-    return {"type": _JSON[origin]}
 
 
 def read_submission(path: Path) -> Submission:
@@ -184,7 +175,7 @@ def read_submission(path: Path) -> Submission:
     if {key: data.pop(key, None) for key in OSM_LICENCE} != OSM_LICENCE:
         raise InputError(f"{path}: malformed submission (licence: expected {OSM_LICENCE['licence']!r})")
     try:
-        found = dataclass_from_json(Submission, data)
+        found = typed(Submission, data)
         if fault := _fault_of_submission(found, data):
             raise ValueError(fault)
         # Refuses numbers that JSON has none of.
@@ -207,9 +198,7 @@ def _fault_of_submission(found: Submission, data: Mapping[str, Any]) -> str:
         or fault_of_arithmetic(found.arithmetic)
         or fault_of_planner(found.planner)
         or _fault_of_files(found)
-        or ("" if found.title else "title: is empty")
-        or ("" if 0 <= found.rescored <= len(found.episodes) else "rescored: is no number of its episodes")
-        or _fault_of_figures(found.figures)
+        or ("" if found.rescored <= len(found.episodes) else "rescored: is no number of its episodes")
         or fault_of_episodes(found.episodes)
     )
 
@@ -239,11 +228,10 @@ def _fault_of_files(found: Submission) -> str:
 def fault_of_arithmetic(told: Any) -> str:
     """Why it is not what `tsbench.run.arithmetic.facts` says, "" where it is."""
     try:
-        versions = dataclass_from_json(Arithmetic, told).versions
+        typed(Arithmetic, told)
     except ValueError as problem:
         return f"arithmetic: {problem}"
-    strange = [name for name, version in versions.items() if not isinstance(version, str | None)]
-    return f"arithmetic: the version of {strange[0]} is no text" if strange else ""
+    return ""
 
 
 def fault_of_lines(value: Any) -> str:
@@ -263,14 +251,6 @@ def fault_of_lines(value: Any) -> str:
 
 def _is_line(text: str) -> bool:
     return text.splitlines() in ([], [text])
-
-
-def _fault_of_figures(figures: Sequence[Figure]) -> str:
-    for f in figures:
-        low, value, high = f.low, f.value, f.high
-        if f.n < 0 or not all(0.0 <= v <= 100.0 for v in (low, value, high) if v is not None):
-            return f"{f.figure} of {f.over}: is no share of episodes, in %"
-    return ""
 
 
 def fault_of_episodes(episodes: Sequence[SubmittedEpisode]) -> str:

@@ -15,7 +15,8 @@ import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.seeds import rng_of
 from tsbench.core.text import one_line
-from tsbench.core.textfile import dataclass_from_json, read_json
+from tsbench.core.textfile import read_json
+from tsbench.core.typed import typed
 from tsbench.leaderboard.claim import Claim
 from tsbench.leaderboard.submission import Figure, SubmittedEpisode, episode_of, fault_of_lines, figures_of
 from tsbench.run import arithmetic
@@ -117,7 +118,7 @@ def read_verification(path: Path) -> Verification:
         raise InputError(f"{path}: schema {version!r:.20}, this tsbench reads {SCHEMA_VERSION}")
     said = data.pop("verdict", None)
     try:
-        found = dataclass_from_json(Verification, data)
+        found = typed(Verification, data)
     except (ValueError, TypeError) as problem:
         raise InputError(f"{path}: malformed ({' '.join(str(problem).split())[:200]})") from None
     if fault := _fault_of_counts(found) or fault_of_lines(data):

@@ -24,6 +24,7 @@ from tsbench.core.paths import (
     dataset_root,
     using_city,
 )
+from tsbench.core.typed import read_typed
 from tsbench.run.contract import SCORING, code_is_local, contract_hash, mirrored_contract
 from tsbench.scenarios.editions import scene_editions
 from tsbench.scenarios.table import read_table, splits_there, table_path
@@ -89,7 +90,7 @@ def editions() -> tuple[Edition, ...]:
 
 
 def _read(path: Path) -> tuple[Edition, ...]:
-    return tuple(Edition(**entry) for entry in yaml.safe_load(path.read_text(encoding="utf-8")))
+    return read_typed(tuple[Edition, ...], path, "list of editions")
 
 
 def edition_here(contract: str) -> str:

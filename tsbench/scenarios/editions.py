@@ -10,11 +10,10 @@ from pathlib import Path
 
 import yaml
 
-from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
 from tsbench.core.paths import dataset_file, dataset_root
-from tsbench.core.textfile import read_yaml
-from tsbench.scenarios.table import SPLITS
+from tsbench.core.typed import read_typed
+from tsbench.scenarios.table import SplitName
 
 
 def scene_editions(root: Path | None = None) -> dict[str, str]:
@@ -22,12 +21,8 @@ def scene_editions(root: Path | None = None) -> dict[str, str]:
     path = dataset_file("scenarios/editions.yaml") if root is None else root / "editions.yaml"
     if not path.is_file():
         return {}
-    content = read_yaml(path, "list of editions")
-    if not isinstance(content, dict) or not all(
-        k in SPLITS and isinstance(v, str) for k, v in content.items()
-    ):
-        raise InputError(f"{path}: expected an edition in quotes for splits of {', '.join(SPLITS)}")
-    return content
+    found = read_typed(dict[SplitName, str], path, "list of editions")
+    return {str(split): edition for split, edition in found.items()}
 
 
 def write_scene_editions(scenes: Mapping[str, str]) -> None:

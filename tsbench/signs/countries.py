@@ -8,25 +8,29 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal, get_args
+
+from msgspec import Meta
 
 from tsbench.core import textfile
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import data_file, left_hand_in_use, source_city
 from tsbench.core.text import csv_text
+from tsbench.core.typed import Text, read_sheet
 from tsbench.signs.catalog import Catalog, load_catalog, yaml_files
 from tsbench.signs.driving_side import driving_sides
 from tsbench.signs.model import Sign
-from tsbench.signs.reading import read_file
 
 _NONE, _UNKNOWN = "none", "unknown"
 _KM_PER_MILE = 1.609344
-# Classes of roads, as OpenStreetMap has them after `highway=`, and the highest speed that any country gives one.
-ROAD_CLASSES = (
+# Classes of roads, as OpenStreetMap has them after `highway=`, and speeds that a country may give one.
+RoadClass = Literal[
     "living_street", "residential", "unclassified", "tertiary", "secondary", "primary", "trunk", "motorway"
-)  # fmt: skip
-_FASTEST = 150.0
+]
+ROAD_CLASSES: tuple[str, ...] = get_args(RoadClass)
+_Percent = Annotated[float, Meta(ge=0.0, le=100.0)]
+_Speed = Annotated[float, Meta(gt=0.0, le=150.0)]
 _COLUMNS = ("country", "sign", "name", "equivalent", "reason", "note", "checked")
 
 
@@ -39,11 +43,11 @@ class Equivalent:
     memory. drawing: its SVG under `sign_catalog/plates/`, None = it looks as the catalogue's sign does.
     """
 
-    code: str
+    code: Text
     checked: bool
-    reason: str | None = None
-    note: str | None = None
-    drawing: str | None = None
+    reason: Text | None = None
+    note: Text | None = None
+    drawing: Text | None = None
 
     def __post_init__(self) -> None:
         if (self.code == _NONE) != (self.reason is not None):
@@ -73,14 +77,7 @@ class Traffic:
     side: Literal["left", "right"]
     unit: Literal["km/h", "mph"]
     unsigned: Literal["right_before_left", "left_before_right", "nobody"]
-    speeds: Mapping[str, float]
-
-    def __post_init__(self) -> None:
-        for road, speed in self.speeds.items():
-            if road not in ROAD_CLASSES:
-                raise ValueError(f"speeds: {road}: no class of roads; there are {', '.join(ROAD_CLASSES)}")
-            if not 0.0 < speed <= _FASTEST:
-                raise ValueError(f"speeds: {road}: {speed:g} is no speed limit")
+    speeds: Mapping[RoadClass, _Speed]
 
     @property
     def speeds_mps(self) -> Mapping[str, float]:
@@ -158,20 +155,20 @@ class Country:
 
 @dataclass(frozen=True)
 class _Names:
-    en: str
-    own: str
+    en: Text
+    own: Text
 
 
 @dataclass(frozen=True)
 class _File:
-    country: str
+    country: Text
     names: _Names
-    numbering: str
+    numbering: Text
     signs: Mapping[str, Equivalent]
-    published_percent: float | None = None
-    latin: Mapping[str, str] = field(default_factory=dict)
+    published_percent: _Percent | None = None
+    latin: Mapping[str, Text] = field(default_factory=dict)
     traffic: Traffic | None = None
-    plates: str | None = None
+    plates: Text | None = None
 
 
 def load_country(code: str, root: Path | None = None) -> Country:
@@ -252,7 +249,7 @@ def _in_latin(code: str, latin: Mapping[str, str]) -> str:
 @cache
 def _load(path: Path) -> Country:
     catalog = load_catalog(path.parents[1])
-    return read_file(_File, path, "country", lambda file: _country(file, catalog))
+    return read_sheet(_File, path, "country", lambda file: _country(file, catalog))
 
 
 def _country(file: _File, catalog: Catalog) -> Country:
@@ -268,16 +265,13 @@ def _country(file: _File, catalog: Catalog) -> Country:
         raise ValueError(f"country: {file.country!r} is no country's code of ISO 3166")
     if file.traffic is not None and file.traffic.side != sides[file.country]:
         raise ValueError(f"traffic: side: {file.traffic.side}: driving_sides.yaml says {sides[file.country]}")
-    percent = file.published_percent
-    if percent is not None and not 0 <= percent <= 100:
-        raise ValueError(f"published_percent: must lie between 0 and 100, not {percent:g}")
     equivalents = {sign: file.signs.get(sign, Equivalent(_UNKNOWN, False)) for sign in catalog.signs}
     return Country(
         code=file.country,
         name_en=file.names.en,
         name_own=file.names.own,
         numbering=file.numbering,
-        published_percent=percent,
+        published_percent=file.published_percent,
         latin=file.latin,
         equivalents=_drawn_as(file.plates, equivalents, catalog),
         traffic=file.traffic,
@@ -293,7 +287,7 @@ def _drawn_as(
     path = catalog.root / "countries" / f"{other}.yaml"
     if not path.is_file():
         raise ValueError(f"plates: no country {other!r} in {path.parent}")
-    looks = {sign: entry.drawing for sign, entry in read_file(_File, path, "country", _signs_of).items()}
+    looks = {sign: entry.drawing for sign, entry in read_sheet(_File, path, "country", _signs_of).items()}
     return {
         sign: entry if entry.drawing or entry.code == _NONE else replace(entry, drawing=looks.get(sign))
         for sign, entry in equivalents.items()

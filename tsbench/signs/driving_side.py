@@ -9,7 +9,7 @@ from typing import Literal
 
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_file
-from tsbench.signs.reading import read_file
+from tsbench.core.typed import Text, read_sheet
 
 Side = Literal["left", "right"]
 _CODE = re.compile("[a-z]{2}")
@@ -17,9 +17,9 @@ _CODE = re.compile("[a-z]{2}")
 
 @dataclass(frozen=True)
 class _File:
-    table: str
-    left: tuple[str, ...]
-    right: tuple[str, ...]
+    table: Text
+    left: tuple[Text, ...]
+    right: tuple[Text, ...]
 
 
 def country_code(text: str, where: str) -> str:
@@ -40,7 +40,7 @@ def driving_sides(root: Path | None = None) -> Mapping[str, Side]:
 
 @cache
 def _read(path: Path) -> Mapping[str, Side]:
-    return read_file(_File, path, "table", _sides)
+    return read_sheet(_File, path, "table", _sides)
 
 
 def _sides(file: _File) -> Mapping[str, Side]:

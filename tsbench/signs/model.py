@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, Self, get_args
 
+from tsbench.core.typed import Count, Number, Text
+
 Group = Literal["priority", "speed", "obstacles", "routing"]
 Family = Literal["junction", "roundabout", "dual_path", "corridor"]
 Shape = Literal["T", "X", "ring", "straight", "curved"]
@@ -172,7 +174,7 @@ class Placement:
     edge: Literal["approach", "exit", "mid_block"]
     faces: Literal["ego", "main_arms"]
     reference: Literal["line", "exit_start", "crossing", "obstacle", "own_line"]
-    distance_m: tuple[float, float]
+    distance_m: tuple[Number, Number]
 
     def __post_init__(self) -> None:
         if not 0 <= self.distance_m[0] <= self.distance_m[1]:
@@ -188,9 +190,9 @@ class Law:
     Signs and Signals (Vienna, 1968).
     """
 
-    pdd: str
-    gost: str
-    vienna: str
+    pdd: Text
+    gost: Text
+    vienna: Text
 
 
 @dataclass(frozen=True)
@@ -205,10 +207,10 @@ class MapNeeds:
     family: Family
     shapes: tuple[Shape, ...]
     slots: tuple[Slot, ...] = ()
-    min_lanes: int | None = None
-    max_lanes: int | None = None
-    preferred_min_lanes: int | None = None
-    min_arms: int | None = None
+    min_lanes: Count | None = None
+    max_lanes: Count | None = None
+    preferred_min_lanes: Count | None = None
+    min_arms: Count | None = None
     one_way: bool = False
     may_span_edges: bool = False
 

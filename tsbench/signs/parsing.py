@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
+from tsbench.core.typed import Count, Number, Text, read_sheet
 from tsbench.signs.model import (
     END_PLACES,
     Clause,
@@ -18,72 +19,71 @@ from tsbench.signs.model import (
     RuleSpec,
     Sign,
 )
-from tsbench.signs.reading import read_file
 
 # One word, or a list of them.
-_Words = str | tuple[str, ...]
+_Words = Text | tuple[Text, ...]
 
 
 @dataclass(frozen=True)
 class _Option:
-    words: tuple[str, ...]
+    words: tuple[Text, ...]
     pick: Literal["one", "some"]
     default: _Words = ()
 
 
 @dataclass(frozen=True)
 class _Clause:
-    description: str
-    sentence: str
-    unit: str = ""
+    description: Text
+    sentence: Text
+    unit: Text = ""
 
 
 @dataclass(frozen=True)
 class _RuleFile:
-    rule: str
-    description: str
-    extends: str | None = None
-    thresholds: Mapping[str, float] = field(default_factory=dict)
+    rule: Text
+    description: Text
+    extends: Text | None = None
+    thresholds: Mapping[str, Number] = field(default_factory=dict)
     options: Mapping[str, _Option] = field(default_factory=dict)
     clauses: Mapping[str, _Clause] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class _Names:
-    ru: str
-    en: str
+    ru: Text
+    en: Text
 
 
 @dataclass(frozen=True)
 class _Type:
-    id: str
-    row: int
+    id: Text
+    row: Count
 
 
 @dataclass(frozen=True)
 class _Plate:
-    drawing: str
-    caption: str
+    drawing: Text
+    caption: Text
     outline: Outline
 
 
 @dataclass(frozen=True)
 class _Value:
-    unit: str
-    posted: tuple[float, ...] = ()
-    implied: float | None = None
+    unit: Text
+    posted: tuple[Number, ...] = ()
+    implied: Number | None = None
 
 
 @dataclass(frozen=True)
 class _Rule:
-    name: str
-    thresholds: Mapping[str, float] = field(default_factory=dict)
+    name: Text
+    thresholds: Mapping[str, Number] = field(default_factory=dict)
     options: Mapping[str, _Words] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class _SignFile:
-    code: str
+    code: Text
     names: _Names
     group: Group
     scenario_type: _Type
@@ -93,20 +93,20 @@ class _SignFile:
     law: Law
     maps: MapNeeds
     value: _Value | None = None
-    ended_by: tuple[str, ...] | None = None
-    ends: str | None = None
-    context: tuple[str, ...] = ()
-    mirrored: str = ""
+    ended_by: tuple[Text, ...] | None = None
+    ends: Text | None = None
+    context: tuple[Text, ...] = ()
+    mirrored: Text = ""
 
 
 def parse_rule(path: Path) -> RuleSpec:
     """The rule of one file as it stands there: what it takes over from another is not yet in it."""
-    return read_file(_RuleFile, path, "rule", _rule)
+    return read_sheet(_RuleFile, path, "rule", _rule)
 
 
 def parse_sign(path: Path, rules: Mapping[str, RuleSpec]) -> Sign:
     """The sign of one file, with its rule's thresholds and options filled in."""
-    return read_file(_SignFile, path, "code", lambda file: _sign(file, rules))
+    return read_sheet(_SignFile, path, "code", lambda file: _sign(file, rules))
 
 
 def _rule(file: _RuleFile) -> RuleSpec:

@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Annotated, Literal, get_args
 
-from tsbench.core.errors import InputError
+from msgspec import Meta
+
 from tsbench.core.paths import data_file
+from tsbench.core.typed import read_sheet
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.reading import read_file
 
 Place = Literal[
     "line", "junction", "priority", "choice", "shown", "open_road", "one_way_across", "obstacle", "several_lanes",
@@ -19,6 +20,7 @@ Place = Literal[
     "not_before_yield", "crossing", "ring", "alone", "both_ways",
 ]  # fmt: skip
 PLACES: tuple[Place, ...] = get_args(Place)
+_Positive = Annotated[float, Meta(gt=0.0, lt=1e300)]
 
 
 @dataclass(frozen=True)
@@ -31,17 +33,12 @@ class Distances:
     within this.
     """
 
-    mouth_m: float
-    zone_m: float
-    slack_m: float
-    beside_m: float
-    ring_m: float
-    same_arm_deg: float
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not value > 0.0:
-                raise ValueError(f"{name}: {value:g} is not above 0")
+    mouth_m: _Positive
+    zone_m: _Positive
+    slack_m: _Positive
+    beside_m: _Positive
+    ring_m: _Positive
+    same_arm_deg: _Positive
 
 
 @dataclass(frozen=True)
@@ -70,16 +67,10 @@ def load_places(root: Path | None = None) -> PlaceTable:
 
 @cache
 def _read(root: Path) -> PlaceTable:
-    path = root / "places.yaml"
-    table = read_file(PlaceTable, path, "table", lambda file: file)
-    try:
-        _check(table, root)
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from None
-    return table
+    return read_sheet(PlaceTable, root / "places.yaml", "table", lambda table: _checked(table, root))
 
 
-def _check(table: PlaceTable, root: Path) -> None:
+def _checked(table: PlaceTable, root: Path) -> PlaceTable:
     signs = load_catalog(root).signs
     for code, places in table.signs.items():
         if code not in signs:
@@ -98,3 +89,4 @@ def _check(table: PlaceTable, root: Path) -> None:
             strange = [value for value in values if value not in posted.allowed]
             if strange:
                 raise ValueError(f"speeds: {road}: {code}: the sign sets no {strange[0]:g}")
+    return table

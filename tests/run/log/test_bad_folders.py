@@ -45,16 +45,6 @@ def test_an_older_schema(made: Bench, copy: Path, command: list[str]) -> None:
     assert done.stderr.count("\n") == 1
 
 
-@pytest.mark.parametrize("command", COMMANDS)
-@pytest.mark.parametrize("part", ["planners", "effective", "status", "sessions", "files"])
-def test_a_manifest_with_a_hole(made: Bench, copy: Path, command: list[str], part: str) -> None:
-    change_manifest(copy, **{part: 7})
-    done = made.run(*command, expect=2)
-    assert (
-        f"copy/run.json: not the manifest of a tsbench run ('{part}' is missing or malformed)" in done.stderr
-    )
-
-
 def test_another_contract_is_refused_compared_with_none_and_judged_with_a_note(
     made: Bench, copy: Path
 ) -> None:

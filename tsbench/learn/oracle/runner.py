@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from tsbench.core.text import one_line
-from tsbench.core.textfile import dataclass_from_json
+from tsbench.core.typed import typed
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
@@ -50,7 +50,7 @@ class OracleRunner:
     ) -> None:
         self._quantised = QuantisedPlanner(planner.factory)
         self._runner = EpisodeRunner(replace(planner, factory=lambda: self._quantised), **options)
-        self._most, self._probe = most, dataclass_from_json(ScenarioSpec, probe)
+        self._most, self._probe = most, typed(ScenarioSpec, probe)
         self._draws: bool | None = None
 
     def prepare(self, spec: ScenarioSpec) -> None:

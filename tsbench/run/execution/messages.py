@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, TypeVar
 
-from tsbench.core.textfile import dataclass_from_json
+from tsbench.core.typed import typed
 from tsbench.episode.perception_level import Perception
 from tsbench.run.execution.task_queue import Task
 from tsbench.run.log.record import Record
@@ -117,5 +117,5 @@ def decode(line: bytes | str, kinds: tuple[type[M], ...]) -> M:
         raise ValueError("no message of a worker")
     for kind in kinds:
         if kind.__name__ == told[0]:
-            return dataclass_from_json(kind, told[1])
+            return typed(kind, told[1])
     raise ValueError(f"no message of a worker: {told[0]!r:.80}")

@@ -8,17 +8,20 @@ import os
 import platform
 import subprocess
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, is_dataclass, replace
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, Required, TypedDict
+
+from msgspec import Meta
 
 import tsbench
 from tsbench.core import provenance
 from tsbench.core.errors import InputError
 from tsbench.core.paths import OWN_CITY
-from tsbench.core.textfile import dataclass_from_json, read_json
-from tsbench.episode.perception_level import Perception
+from tsbench.core.textfile import read_json
+from tsbench.core.typed import typed
+from tsbench.episode.perception_level import Perception, PerceptionLevel
 from tsbench.metrics.aggregate import FLOOR
 from tsbench.planners.builtin import origin
 from tsbench.planners.registry import comes_with_tsbench
@@ -27,7 +30,7 @@ from tsbench.run.contract import SCORING
 from tsbench.run.edition import standing_contract
 from tsbench.run.log.schema import SCHEMA_VERSION
 from tsbench.run.planner_info import PlannerInfo
-from tsbench.scenarios.table import SPLITS
+from tsbench.scenarios.table import SplitName
 
 Manifest = dict[str, Any]
 
@@ -37,31 +40,70 @@ MAY_REMEMBER = "may remember"
 _PACKAGES = {"sumo": "libsumo"} | {name: name for name in ("numpy", "pyarrow", "shapely", "torch")}
 # What must be equal for a run to be continued in its folder.
 _SAME = ("contract", "planners", "effective")
-_STATES = frozenset(("running", "interrupted", "complete"))
-# What stands in a manifest, by kind. {}: a mapping with these keys and perhaps more, those with a question mark may be
-# missing; [x]: a list of x; a tuple: one of several; a set: one of its words; a dataclass: exactly its fields.
-_NONE = type(None)
-_SHAPE: dict[str, Any] = {
-    "contract": str,
-    "status": _STATES,
-    "planners": [PlannerInfo],
-    "effective": {
-        "city?": str, "split": frozenset(SPLITS), "scenarios?": int, "types?": [str], "variants?": str, "half?": str,
-        "limit?": (int, _NONE), "trace?": str, "device?": str, "mask_signs?": bool, "memory_limit?": float,
-        "collection?": str, "perception?": {"name": str, "right": float}, "isolate?": bool,
-    },
-    "sessions": [{"started?": str, "finished?": (str, _NONE), "status?": _STATES}],
-    "files": (_NONE, {"episodes.parquet?": str, "violations.parquet?": str, "timing.parquet?": str}),
-    "counts?": (_NONE, {"asked": int, "finished": int, "errors": int}),
-    "later?": [{"planner": str, "opened": [str], "left": [str]}],
-    "asked?": {}, "isolation?": {}, "git?": {}, "machine?": {}, "versions?": {"tsbench?": str},
-    "started?": str, "finished?": (str, _NONE),
-}  # fmt: skip
-# Those of a run, which collections of other things lack.
-_OF_RUNS = {
-    "effective": {"scenarios": int, "types": [str], "variants": str, "trace": str, "mask_signs": bool}
-}
-_MOST = 2**53
+# Parts of `effective` that collections of other things than episodes lack.
+_OF_RUNS = ("scenarios", "types", "variants", "trace", "mask_signs")
+_Whole = Annotated[int, Meta(ge=-(2**53), le=2**53)]
+_Real = Annotated[float, Meta(ge=-(2.0**53), le=2.0**53)]
+_State = Literal["running", "interrupted", "complete"]
+
+
+class _Effective(TypedDict, total=False):
+    city: str
+    split: Required[SplitName]
+    scenarios: _Whole
+    types: list[str]
+    variants: str
+    half: str
+    limit: _Whole | None
+    trace: str
+    device: str
+    mask_signs: bool
+    memory_limit: _Real
+    collection: str
+    perception: PerceptionLevel
+    isolate: bool
+
+
+class _Session(TypedDict, total=False):
+    started: str
+    finished: str | None
+    status: _State
+
+
+class _Counts(TypedDict):
+    asked: _Whole
+    finished: _Whole
+    errors: _Whole
+
+
+class _Versions(TypedDict, total=False):
+    tsbench: str
+
+
+class _Later(TypedDict):
+    planner: str
+    opened: list[str]
+    left: list[str]
+
+
+class _Shape(TypedDict, total=False):
+    """What stands in a manifest, and perhaps more."""
+
+    contract: Required[str]
+    status: Required[_State]
+    planners: Required[list[PlannerInfo]]
+    effective: Required[_Effective]
+    sessions: Required[list[_Session]]
+    files: Required[dict[str, str] | None]
+    counts: _Counts | None
+    later: list[_Later]
+    asked: dict[str, Any]
+    isolation: dict[str, Any]
+    git: dict[str, Any]
+    machine: dict[str, Any]
+    versions: _Versions
+    started: str
+    finished: str | None
 
 
 def new_manifest(
@@ -103,7 +145,7 @@ def plain_planners(planners: Sequence[PlannerInfo]) -> list[dict[str, Any]]:
 
 def planners_of(manifest: Mapping[str, Any]) -> list[PlannerInfo]:
     """The planners of a manifest, in the order of the command."""
-    found = [dataclass_from_json(PlannerInfo, planner) for planner in manifest["planners"]]
+    found = [typed(PlannerInfo, planner) for planner in manifest["planners"]]
     # Runs from before there were scoring numbers have a hash for the code of tsbench's own.
     return [replace(one, code_sha256=None) if comes_with_tsbench(one.spec) else one for one in found]
 
@@ -181,54 +223,15 @@ def read_manifest(folder: Path, name: str = NAME) -> Manifest | None:
             f"{path}: schema version {manifest['schema_version']!r:.80}, this tsbench reads {SCHEMA_VERSION}; "
             f"read it with {_maker(manifest)}, or run it again into another folder"
         )
-    fault = _fault(manifest, _SHAPE, "")
-    if not fault and "collection" not in manifest["effective"]:
-        fault = _fault(manifest, _OF_RUNS, "")
-    if fault:
-        raise InputError(f"{path}: not the manifest of a tsbench run ({fault!r} is missing or malformed)")
+    try:
+        typed(_Shape, manifest, more=True)
+        missing = [key for key in _OF_RUNS if key not in manifest["effective"]]
+        if missing and "collection" not in manifest["effective"]:
+            raise ValueError(f"effective: {missing[0]}: is missing")
+        planners_of(manifest)
+    except ValueError as problem:
+        raise InputError(f"{path}: not the manifest of a tsbench run ({problem})") from None
     return manifest
-
-
-def _fault(value: Any, shape: Any, where: str) -> str:
-    """Which part of a value is not of a shape, "" if all are."""
-    if isinstance(shape, tuple):
-        faults = [_fault(value, one, where) for one in shape]
-        return "" if "" in faults else faults[-1]
-    if isinstance(shape, list):
-        if not isinstance(value, list):
-            return where
-        faults = [_fault(one, shape[0], f"{where}[{k}]") for k, one in enumerate(value)]
-        return next(filter(None, faults), "")
-    if is_dataclass(shape) and isinstance(shape, type):
-        try:
-            dataclass_from_json(shape, value)
-        except ValueError:
-            return where
-        return ""
-    if isinstance(shape, dict):
-        if not isinstance(value, dict):
-            return where
-        for key, inner in shape.items():
-            name = key.removesuffix("?")
-            place = f"{where}.{name}" if where else name
-            if name not in value:
-                if name == key:
-                    return place
-            elif fault := _fault(value[name], inner, place):
-                return fault
-        return ""
-    return "" if _is(value, shape) else where
-
-
-def _is(value: Any, kind: Any) -> bool:
-    if isinstance(kind, frozenset):
-        return isinstance(value, str) and value in kind
-    if kind in (int, float):
-        # A truth value is no number; one that no counter reaches is none either.
-        allowed = (int,) if kind is int else (int, float)
-        return type(value) in allowed and abs(value) <= _MOST
-    # Half of a pair of code units is text that no file and no terminal takes.
-    return isinstance(value, kind) and (kind is not str or value.encode(errors="ignore").decode() == value)
 
 
 def _maker(manifest: Mapping[str, Any]) -> str:

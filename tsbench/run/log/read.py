@@ -10,7 +10,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from tsbench.core.errors import InputError
-from tsbench.core.textfile import dataclass_from_json
+from tsbench.core.typed import typed
 from tsbench.episode.perception_level import Perception, PerceptionLevel
 from tsbench.run.edition import edition_of, standing_contract
 from tsbench.run.log.journal import JOURNAL, lines_so_far
@@ -55,7 +55,7 @@ class StoredRun:
         effective = self.manifest["effective"]
         told = effective.get("perception")
         try:
-            level = None if told is None else dataclass_from_json(PerceptionLevel, told)
+            level = None if told is None else typed(PerceptionLevel, told)
         except ValueError as error:
             raise InputError(f"{self.path}: perception: {error}") from None
         return Perception(effective["mask_signs"], level)

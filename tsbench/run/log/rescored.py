@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_json
+from tsbench.core.typed import read_typed
 from tsbench.run.edition import edition_here, standing_contract
 from tsbench.run.log.tables import file_hashes
 
 NAME = "rescored.json"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION: Literal[1] = 1
 # What was judged; wall-clock figures are no verdicts.
 _JUDGED = ("episodes.parquet", "violations.parquet")
 
@@ -34,6 +34,7 @@ class Rescored:
     traces: int
     untraced: int
     disagreements: int
+    schema_version: Literal[1] = SCHEMA_VERSION
 
 
 def write_rescored(folder: Path, contract: str, traces: int, untraced: int, disagreements: int) -> None:
@@ -50,15 +51,12 @@ def write_rescored(folder: Path, contract: str, traces: int, untraced: int, disa
 def read_rescored(folder: Path) -> Rescored | None:
     """What `write_rescored` wrote, None where it wrote nothing. Raises InputError for anything else."""
     path = folder / NAME
-    try:
-        told: dict[str, Any] = json.loads(path.read_bytes())
-        if told.pop("schema_version") != SCHEMA_VERSION:
-            raise InputError(f"{path}: of another schema version: tsbench rescore writes it again")
-        return Rescored(**told)
-    except FileNotFoundError:
+    if not path.exists():
         return None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as problem:
-        raise InputError(f"{path}: cannot be read ({problem}): tsbench rescore writes it again") from None
+    try:
+        return read_typed(Rescored, path, "record of a second judgement")
+    except InputError as problem:
+        raise InputError(f"{problem}: tsbench rescore writes it again") from None
 
 
 def tell_rescored(folder: Path, contract: str, files: Mapping[str, str] | None) -> str:
