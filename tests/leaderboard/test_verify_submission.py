@@ -136,7 +136,7 @@ def test_a_run_of_part_of_a_split_is_driven_again_as_it_was(tmp_path: Path) -> N
     """With its planners, masked plates and perception level."""
     run = tmp_path / "run"
     options = {
-        "split": "dev", "types": ["speed_limit", "zone_speed_limit"], "limit": 3, "out": run, "workers": 1,
+        "split": "dev", "types": ["speed_limit", "zone_speed_limit"], "limit": 4, "out": run, "workers": 1,
         "perception": "poor",
     }  # fmt: skip
     tsbench.evaluate(["idm", "reader"], **options)  # type: ignore[arg-type]
