@@ -45,7 +45,7 @@ def test_a_closed_stream_takes_all(command: str) -> None:
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_reader_that_has_gone_needs_no_line(command: str) -> None:
     # `head` has ended when the command begins to write.
-    done = shell(f"{{ sleep 0.3; tsbench {command}; }} | head -0")
+    done = shell(f"{{ sleep 1; tsbench {command}; }} | head -0")
     assert (done.returncode, done.stderr) == (1, b"")
 
 
