@@ -23,8 +23,9 @@ run: base
 
 # All tests but the slow ones, which take more than ten seconds each, or need torch, Ray or a browser: those are `make test-slow`.
 # TEST_ARGS: for example tests/rules, or "-k stop".
-# One thread a process: more wait for each other by spinning, and there are as many processes as cores.
-PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist worksteal
+# One thread a process: more wait for each other by spinning, and there are as many processes as cores. What is compiled is kept,
+# whatever the shell says: hundreds of processes import tsbench.
+PYTEST := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n $(WORKERS) --dist worksteal
 test: $(QUICK)
 	$(PYTEST) $(TEST_ARGS)
 

@@ -16,7 +16,7 @@ from tsbench.sim.sumo import Simulation
 
 pytest_plugins = ["browsing"]
 
-settings.register_profile("tsbench", deadline=None, derandomize=True)
+settings.register_profile("tsbench", deadline=None, derandomize=True, max_examples=50)
 settings.load_profile("tsbench")
 
 

@@ -19,6 +19,7 @@ planner = ["idm"]
 split = "dev"
 types = ["yield", "speed_limit"]
 variants = "0"
+limit = 2
 workers = 1
 out = "from-file"
 """
@@ -85,9 +86,9 @@ def test_what_is_taken_from_the_file_is_said(here: Path, capsys: pytest.CaptureF
     (here / "tsbench.toml").write_text(FILE)
     # What the command line gives is not the file's.
     assert called("run", "--types", "stop", "--out", "mine") == 0
-    assert capsys.readouterr().err.splitlines()[0] == "tsbench.toml: planner, split, variants, workers"
+    assert capsys.readouterr().err.splitlines()[0] == "tsbench.toml: planner, split, limit, variants, workers"
     tsbench.evaluate(types="stop", out="mine")
-    assert capsys.readouterr().err.splitlines()[0] == "tsbench.toml: planner, split, variants, workers"
+    assert capsys.readouterr().err.splitlines()[0] == "tsbench.toml: planner, split, variants, limit, workers"
     (here / "tsbench.toml").write_text("[signs.equivalents]\ncountry = 'de'\n")
     assert called("signs", "equivalents") == 0
     assert capsys.readouterr().err == "tsbench.toml: country\n"

@@ -159,7 +159,7 @@ def test_compare_tests_pairs_first(
     assert (tmp_path / "forest.png").is_file()
 
 
-@pytest.mark.parametrize("kind", ["types", "intervals", "failures"])
+@pytest.mark.parametrize("kind", ["types", "failures"])
 def test_figures_of_pairs_are_drawn(tmp_path: Path, kind: str) -> None:
     analysis = analyse_runs(kind, [three(tmp_path / "r")], allow_partial=False)
     assert [path.suffix for path in write_analysis(analysis, tmp_path / "out")][-2:] == [".png", ".svg"]

@@ -22,19 +22,19 @@ signs:
 
 def test_a_country_is_one_file_that_may_leave_signs_out(clone: Copy) -> None:
     clone.write("sign_catalog/countries/pl.yaml", POLAND)
-    line = next(one for one in clone.tsbench("signs", "equivalents").splitlines() if one.startswith("pl"))
+    lines = clone.tsbench(
+        "signs equivalents",
+        "signs equivalents --country pl --csv pl.csv",
+        "signs equivalents --country pl --out tables",
+    ).splitlines()
+    line = next(one for one in lines if one.startswith("pl"))
     assert line.split()[-4:] == ["1/2", "50", "%", "1"], line  # no published share
-    told = {
-        one.split()[0]: one
-        for one in clone.tsbench("signs", "equivalents", "--country", "pl", "--csv", "pl.csv").splitlines()
-        if one[:1].isdigit()
-    }
+    told = {one.split()[0]: one for one in lines if one[:1].isdigit()}
     assert "B-20" in told["2.5"]
     assert "none" in told["4.2.3"]
     assert "unknown" in told["3.24"]
     rows = (clone.root / "pl.csv").read_text(encoding="utf-8").splitlines()
     assert (len(rows), sum(",unknown," in row for row in rows)) == (35, 32)
-    clone.tsbench("signs", "equivalents", "--country", "pl", "--out", "tables")
     assert "unknown" in (clone.root / "tables" / "country-pl.csv").read_text(encoding="utf-8")
 
 
@@ -75,8 +75,7 @@ def test_a_country_brings_drawings_and_its_city_is_signed_with_them(clone: Copy)
 
 def test_pictures_say_what_is_unknown(clone: Copy) -> None:
     clone.write("sign_catalog/countries/pl.yaml", POLAND)
-    clone.tsbench("signs", "sheet", "--out", "own.png")
-    clone.tsbench("signs", "sheet", "--country", "pl", "--out", "pl.png")
+    clone.tsbench("signs sheet --out own.png", "signs sheet --country pl --out pl.png")
     with Image.open(clone.root / "own.png") as own, Image.open(clone.root / "pl.png") as other:
         assert own.size == other.size
         assert ImageChops.difference(own, other).getbbox() is not None

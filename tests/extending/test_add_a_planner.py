@@ -24,23 +24,14 @@ def steady(o):
 def test_a_planner_is_one_class_or_function(clone: Copy) -> None:
     clone.write("mine.py", MINE)
     clone.scene("speed_limit")
-    assert "no problems" in clone.tsbench("planners", "check", "mine.py:Careful")
-    clone.tsbench(
-        "run",
-        "--planner",
-        "mine.py:Careful",
-        "--planner",
-        "mine.py:steady",
-        "--split",
-        "test",
-        "--out",
-        "run",
+    told = clone.tsbench(
+        "planners check mine.py:Careful",
+        "run --planner mine.py:Careful --planner mine.py:steady --planner mine.py:steady-e --split test --out run",
     )
+    assert "no problems" in told
     found = records(clone.root / "run")
-    assert set(found) == {"Careful", "steady"}
+    assert set(found) == {"Careful", "steady", "steady-e"}
     assert found["Careful"]["scd"] is True  # 5 m/s is within any limit
     assert found["Careful"]["mean_speed"] < 6.0
     assert found["steady"]["violation_clause"] == "over_limit"
-    clone.tsbench("run", "--planner", "mine.py:steady-e", "--split", "test", "--out", "expert")
-    [expert] = records(clone.root / "expert").values()
-    assert (expert["planner"], expert["privileged"], expert["sign_compliant"]) == ("steady-e", True, True)
+    assert (found["steady-e"]["privileged"], found["steady-e"]["sign_compliant"]) == (True, True)

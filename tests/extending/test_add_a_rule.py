@@ -50,11 +50,11 @@ def test_an_episode_is_judged_by_it_and_its_expert_keeps_it(clone: Copy) -> None
     add_the_rule(clone)
     clone.write("mine.py", STOPPER)
     clone.scene("min_speed", sign_code="3.27", sign_value=None)
-    clone.tsbench(
-        "run", "--planner", "mine.py:stop", "--planner", "mine.py:stop-e", "--split", "test", "--out", "run"
+    told = clone.tsbench(
+        "run --planner mine.py:stop --planner mine.py:stop-e --split test --out run", "signs show 3.27"
     )
     found = records(clone.root / "run")
     assert (found["stop"]["violation_clause"], found["stop"]["violations"]) == ("stopped", 1)
     assert (found["stop-e"]["sign_compliant"], found["stop-e"]["violations"]) == (True, 0)
     assert found["stop-e"]["sign_engaged"] is True
-    assert "standing_s" in clone.tsbench("signs", "show", "3.27")
+    assert "standing_s" in told

@@ -45,16 +45,16 @@ def test_a_scenario_type_is_a_recipe(clone: Copy) -> None:
         "scenarios/recipes/min_speed.yaml", ("type: min_speed", f"type: {TYPE}"), ("paired: true\n", ""),
     )  # fmt: skip
     clone.write(f"scenarios/recipes/{TYPE}.yaml", recipe)
-    assert "35 signs, 30 scenario types" in clone.tsbench("signs", "list")
+    assert "35 signs, 30 scenario types" in clone.tsbench("signs list")
 
     shutil.copytree(ROOT / "tests/helpers", clone.root / "tests/helpers")
     map_id = next(row.map_id for row in read_table(table_path("test")) if row.scenario_type == "min_speed")
     clone.python("-c", BUILD, map_id)
-    assert clone.tsbench("scenarios", "list", "--split", "test").split() == [
-        f"{TYPE}-{map_id}-v{number}" for number in range(2)
-    ]
-    clone.tsbench("run", "--planner", "idm-e", "--planner", "idm-s1", "--split", "test", "--types", TYPE, "--variants",
-                  "0", "--out", "run")  # fmt: skip
+    told = clone.tsbench(
+        "scenarios list --split test",
+        f"run --planner idm-e --planner idm-s1 --split test --types {TYPE} --variants 0 --out run",
+    )
+    assert told.split()[:2] == [f"{TYPE}-{map_id}-v{number}" for number in range(2)]
     found = records(clone.root / "run")
     assert (found["idm-e"]["sign_code"], found["idm-e"]["scd"]) == ("4.6.1", True)
     assert found["idm-s1"]["violation_clause"] == "under_minimum"

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from tsbench.geometry.angles import wrap
@@ -114,7 +114,6 @@ def test_front_lies_between_the_front_corners(box: tuple[float, ...]) -> None:
     assert front(x, y, heading, length) == pytest.approx(middle, abs=1e-9)
 
 
-@settings(max_examples=60, deadline=None)
 @given(
     st.floats(0.6, 2.5), st.floats(-3.0, 3.0), ANGLE, st.floats(2.6, 3.8), st.floats(2.6, 3.8), st.booleans()
 )

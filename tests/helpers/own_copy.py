@@ -21,6 +21,16 @@ from tsbench.scenarios.store import SceneStore, store_path, write_store
 from tsbench.scenarios.table import read_table, table_path, write_table
 
 ROOT = data_root()
+COMMANDS = """
+import sys
+from tsbench.cli import main
+for line in sys.argv[1:]:
+    try:
+        main(line.split())
+    except SystemExit as ended:
+        if ended.code:
+            raise
+"""
 
 
 class Copy:
@@ -62,9 +72,9 @@ class Copy:
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout
 
-    def tsbench(self, *arguments: str) -> str:
-        """What a command prints."""
-        return self.python("-c", "from tsbench.cli import main; main()", *arguments)
+    def tsbench(self, *lines: str) -> str:
+        """What commands print that one fresh Python runs after another."""
+        return self.python("-c", COMMANDS, *lines)
 
     def scene(self, scenario_type: str, **changes: object) -> ScenarioSpec:
         """The nominal scene of a type as the only row of the test split; changes: of its row, plate included."""
@@ -94,9 +104,7 @@ class Copy:
 def make_copy(root: Path) -> Copy:
     """A copy with nothing added; maps of the pool and data of cities are linked."""
     for name in ("tsbench", "sign_catalog", "scenarios/recipes"):
-        shutil.copytree(
-            ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__", "*.safetensors")
-        )
+        shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("*.safetensors"))
     (root / "cities").mkdir()
     for path in (ROOT / "cities").glob("*.yaml"):
         shutil.copy(path, root / "cities")

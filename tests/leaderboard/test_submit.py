@@ -241,12 +241,12 @@ def test_the_schema_is_of_what_is_written(honest: Make) -> None:
     ],
 )
 def test_the_submitter_s_words_fit_a_page(
-    make: Make, tmp_path: Path, field: str, text: str, said: str
+    make: Make, honest: Make, tmp_path: Path, field: str, text: str, said: str
 ) -> None:
     with pytest.raises(InputError, match=said):
         make("idm", **{field: text})
     path = tmp_path / "idm.json"
-    path.write_text(replace(make("idm"), **{field: text}).to_json(), encoding="utf-8")
+    path.write_text(replace(honest("idm"), **{field: text}).to_json(), encoding="utf-8")
     with pytest.raises(InputError, match=said) as refused:
         read_submission(path)
     assert str(refused.value).isprintable()

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import episode_builders as made
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from work import calls
 
@@ -192,7 +192,6 @@ def episodes(draw: st.DrawFn) -> EpisodeFacts:
     )
 
 
-@settings(max_examples=150, deadline=None)
 @given(episodes())
 def test_what_holds_for_any_episode(facts: EpisodeFacts) -> None:
     m = episode_metrics(facts)

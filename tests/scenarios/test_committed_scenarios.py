@@ -67,9 +67,12 @@ def pool() -> dict[str, PoolRow]:
     return {r.map_id: r for r in read_pool(pool_file())}
 
 
-def signed(rows: list[ScenarioSpec], split: str, type_id: str = "") -> list[ScenarioSpec]:
+@cache
+def signed(split: str, type_id: str = "") -> list[ScenarioSpec]:
     """The signed rows of a split, of one type or of all."""
-    return [r for r in rows if (r.split, r.half) == (split, SIGNED) and type_id in ("", r.pair_type)]
+    if type_id:
+        return [r for r in signed(split) if r.pair_type == type_id]
+    return [r for r in read_table(table_path(split, SCENARIOS)) if r.half == SIGNED]
 
 
 def test_each_split_says_of_which_edition_it_is() -> None:
@@ -93,7 +96,7 @@ def test_every_type_its_maps_and_variants(rows: list[ScenarioSpec]) -> None:
     assert len(rows) == len({r.scenario_id for r in rows})
     for split in EDITIONS:
         variants: dict[tuple[str, str], list[int]] = defaultdict(list)
-        for r in signed(rows, split):
+        for r in signed(split):
             variants[(r.pair_type, r.map_id)].append(r.variant)
         assert all(sorted(v) == list(range(VARIANTS_OF[split])) for v in variants.values())
         maps = Counter(type_id for type_id, _ in variants)
@@ -109,10 +112,10 @@ def test_every_row_of_a_paired_type_has_its_other_half(rows: list[ScenarioSpec])
     """But for the types without pairs."""
     paired = {t for t in TYPES if load_recipe(t, CATALOG).paired}
     for split in EDITIONS:
-        for r in signed(rows, split):
+        for r in signed(split):
             assert r.pair_id == (r.scenario_id if r.pair_type in paired else ""), r
         halves = Counter(r.half for r in rows if r.split == split)
-        assert halves[CONTRAST] == sum(r.pair_type in paired for r in signed(rows, split))
+        assert halves[CONTRAST] == sum(r.pair_type in paired for r in signed(split))
     assert verify_pairs(rows, SCENARIOS) == []
 
 
@@ -139,7 +142,7 @@ def test_every_row_has_its_certificate(rows: list[ScenarioSpec], proofs: dict[st
         assert (c.solvable, c.sane, c.scenario_type, c.split) == (True, True, r.scenario_type, r.split), c
         assert c.reproduced is True, c
     for type_id in TYPES:
-        own = [proofs[r.scenario_id] for split in EDITIONS for r in signed(rows, split, type_id)]
+        own = [proofs[r.scenario_id] for split in EDITIONS for r in signed(split, type_id)]
         assert sum(c.tempting for c in own) >= 0.9 * len(own)
         assert sum(c.engaged for c in own) >= 0.95 * len(own)
 
@@ -180,14 +183,14 @@ def test_the_split_is_that_of_the_pool(rows: list[ScenarioSpec], pool: dict[str,
 
 
 @pytest.mark.parametrize("type_id", TYPES)
-def test_every_stratum(rows: list[ScenarioSpec], pool: dict[str, PoolRow], type_id: str) -> None:
+def test_every_stratum(pool: dict[str, PoolRow], type_id: str) -> None:
     """No two maps of a type are one place; quotas of the edition that is built are met, but for those missed."""
     recipe = load_recipe(type_id, CATALOG)
     entries = json.loads((SCENARIOS / "build_report.json").read_text(encoding="utf-8"))
     report = {e["split"]: e for e in entries if e["type_id"] == type_id}
     apart = recipe.numbers.get("apart_m", APART_M)
     for split in EDITIONS:
-        maps = sorted({r.map_id for r in signed(rows, split, type_id)})
+        maps = sorted({r.map_id for r in signed(split, type_id)})
         if not maps:
             continue
         assert report[split]["short"] == 0 or split != "test"
@@ -203,10 +206,10 @@ def test_every_stratum(rows: list[ScenarioSpec], pool: dict[str, PoolRow], type_
             assert counts[stratum] >= quota - report[split]["missed"].get(stratum, 0)
 
 
-def test_posted_limits_in_about_equal_shares(rows: list[ScenarioSpec]) -> None:
+def test_posted_limits_in_about_equal_shares() -> None:
     asked = load_recipe("speed_limit", CATALOG).choices["limits_kmh"]
     for split in ("test", "train"):
-        counts = Counter(r.sign_value for r in signed(rows, split, "speed_limit"))
+        counts = Counter(r.sign_value for r in signed(split, "speed_limit"))
         assert set(counts) == set(map(float, asked))
         assert min(counts.values()) >= 0.6 * counts.total() / len(asked)
 

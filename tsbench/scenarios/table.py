@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import asdict
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal, get_args
 
@@ -48,9 +49,17 @@ def read_table(path: Path) -> list[ScenarioSpec]:
     there = splits_there(path.parent)
     if not own and path.stem in SPLITS and path.stem not in there and there:
         raise InputError(f"{path}: {source_city()} has no {path.stem} split; it has {', '.join(there)}")
+    at = path.stat() if path.is_file() else None
+    specs = _read(path, hint, at and (at.st_ino, at.st_size, at.st_mtime_ns, at.st_ctime_ns))
+    return [mirrored_row(spec) for spec in specs] if mirrored_in_use() else list(specs)
+
+
+@lru_cache(maxsize=len(SPLITS))
+def _read(path: Path, hint: str, _state: tuple[int, ...] | None) -> tuple[ScenarioSpec, ...]:
+    """As it is in this state, read once per process; what cannot be read is no answer that is kept."""
     specs = read_rows(ScenarioSpec, path, SCHEMA, hint, later=_LATER)
     _check(specs, path)
-    return [mirrored_row(spec) for spec in specs] if mirrored_in_use() else specs
+    return tuple(specs)
 
 
 def _check(specs: list[ScenarioSpec], path: Path) -> None:

@@ -46,7 +46,7 @@ ScenesOf = Callable[[str, tuple[PoolRow, PlainNet]], list[Scene]]
 
 @pytest.fixture(scope="module")
 def scenes_of(tmp_path_factory: pytest.TempPathFactory) -> ScenesOf:
-    """The scenes of a map's ten variants, signed and contrast in turn; each site is built once."""
+    """The scenes of a map's first four variants, signed and contrast in turn; each site is built once."""
     built: dict[tuple[str, PoolRow], list[Scene]] = {}
 
     def scenes(type_id: str, made: tuple[PoolRow, PlainNet]) -> list[Scene]:
@@ -61,11 +61,11 @@ def build(type_id: str, made: tuple[PoolRow, PlainNet], root: Path) -> list[Scen
     row, crop = made
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(site_module, "plain_crop", lambda *_: crop)
-        if type_id == "blocked_road":
-            # The two arms that stay open have no room for more.
-            patch.setattr(
-                site_module, "variants_of", lambda *n: [v for v in variants_of(*n) if v.density < 3.0]
-            )
+        # Of a blocked road the two arms that stay open have no room for more traffic.
+        most = 3.0 if type_id == "blocked_road" else math.inf
+        patch.setattr(
+            site_module, "variants_of", lambda *n: [v for v in variants_of(*n) if v.density < most][:4]
+        )
         builder = SiteBuilder(load_recipe(type_id, load_catalog()), root, simulation())
         site = builder.build(row, None, "train")  # type: ignore[arg-type]
     assert site.reason == ""
@@ -135,7 +135,7 @@ def test_what_the_ego_has_passed_is_over(type_id: str, scenes_of: ScenesOf) -> N
             # A limit that is no lower than the road's own asks for nothing, and the target's takes its place.
             high = rule.name == "speed" and (sign.value or 0.0) >= FAST * 3.6 - 0.5
             assert catalog.sign(sign.code).is_end or rule.name == "detour" or ends or high
-    assert found >= 6
+    assert found >= 3
 
 
 @pytest.mark.parametrize("type_id", MAPS)

@@ -110,7 +110,6 @@ def test_what_holds_for_every_scene(
 BENT = PlainEdge("e", "a", "b", 2, LIMIT, 5, ((0.0, 0.0), (60.0, 0.0), (110.0, 30.0), (160.0, 30.0)))
 
 
-@settings(deadline=None)
 @given(st.lists(st.floats(5.0, 160.0), min_size=1, max_size=3, unique=True))
 def test_a_cut_edge_is_the_same_road(cuts: list[float]) -> None:
     cuts = sorted(c for k, c in enumerate(sorted(cuts)) if k == 0 or c - sorted(cuts)[k - 1] > 1.0)

@@ -39,7 +39,6 @@ def ask(per_km: float, start: EgoStart, **more: object) -> TrafficRequest:
     return replace(plain, **more)  # type: ignore[arg-type]
 
 
-@settings(deadline=None, max_examples=60)
 @given(
     seed=st.integers(0, 2**32 - 1),
     per_km=st.floats(5.0, 40.0),

@@ -66,7 +66,6 @@ def gap(a: PoolRow, b: PoolRow) -> float:
 SPLITS = {"train", "dev", "holdout", "test"}
 
 
-@settings(deadline=None, max_examples=80)
 @given(pools())
 def test_maps_of_different_splits_are_three_hundred_metres_apart(rows: list[PoolRow]) -> None:
     split = split_pool(rows, PLAN)
@@ -78,7 +77,6 @@ def test_maps_of_different_splits_are_three_hundred_metres_apart(rows: list[Pool
             assert gap(a, b) >= 300.0 - 1e-6
 
 
-@settings(deadline=None, max_examples=60)
 @given(pools())
 def test_no_ring_is_in_two_splits(rows: list[PoolRow]) -> None:
     split = split_pool(rows, PLAN)
