@@ -58,7 +58,8 @@ def crossroads(name: str = "j-made-1", **more: Any) -> PoolRow:
 def dual_path(name: str = "d-made-1", **more: Any) -> PoolRow:
     """The block as a dual path: left at a and round by d, c, b, or straight on; to b-u."""
     detail = {
-        "signed_edge": "ta", "start_edge": "ta", "junction": "a", "destination_edge": "bu", "short_m": 140.0, "compliant_m": 440.0,
+        "signed_edge": "ta", "start_edge": "ta", "junction": "a", "destination_edge": "bu",
+        "short_m": 140.0, "compliant_m": 440.0,
         "short": ["ab", "bu"], "compliant": ["ad", "dc", "cb", "bu"],
     }  # fmt: skip
     return row(name, "dual_path", "X", slot="s_l", **{**detail, **more})
