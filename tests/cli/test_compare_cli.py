@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from command_line import in_process, refused
 from PIL import Image
-from run_builders import CONTRACT, episodes, failed, lost, make_run
+from run_builders import CONTRACT, episodes, failed, level, lost, make_run
 
 from tsbench.run.edition import in_force
 
@@ -98,7 +98,7 @@ def test_other_contracts_are_refused_unless_forced(run, tmp_path: Path) -> None:
 
 def test_other_eyes_are_refused_unless_forced(run, tmp_path: Path) -> None:
     make_run(tmp_path / "a", episodes("idm"))
-    make_run(tmp_path / "b", episodes("idm"), perception={"name": "poor", "right": 0.5})
+    make_run(tmp_path / "b", episodes("idm"), perception=level("poor"))
     told = refused(run, "a", "b")
     assert "a is of perception exact, b of poor: tsbench analyse perception" in told
     out, _ = run("a", "b", "--force")

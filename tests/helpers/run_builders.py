@@ -11,6 +11,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from tsbench.episode.perception_level import load_level
 from tsbench.run.log.manifest import new_manifest
 from tsbench.run.log.schema import EPISODES, LATER, SCHEMA_VERSION, TABLES
 from tsbench.run.log.tables import file_hashes
@@ -63,6 +64,13 @@ def pairs(planner: str, **changes: dict[str, Any]) -> list[dict[str, Any]]:
     ]
     rows = signed + contrast
     return [row | changes.get(row["scenario_id"].replace("-", "_"), {}) for row in rows]
+
+
+def level(name: str) -> dict[str, Any]:
+    """A level of perception as a manifest has it."""
+    found = load_level(name)
+    assert found is not None
+    return asdict(found)
 
 
 def make_run(

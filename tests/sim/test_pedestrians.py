@@ -11,7 +11,7 @@ from simworld import CALM, SceneMaker, motion_at, plate, road_plain
 
 from tsbench.core.errors import SimulationError
 from tsbench.dataset.maps.build import build_net
-from tsbench.dataset.placements.crosswalk_net import kerb_to_kerb, path_name, with_crossing
+from tsbench.dataset.placements.crosswalk_net import kerb_to_kerb, path_name, with_crossings
 from tsbench.dataset.scenes.elements import walker_elements
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.dataset.scenes.traffic import Car
@@ -31,7 +31,7 @@ WAY = (path_name("road", "right"), path_name("road", "left"))
 
 @pytest.fixture(scope="module")
 def on_crossing(tmp_path_factory: pytest.TempPathFactory) -> SceneMaker:
-    """The straight road of two lanes, crossed at 100 m."""
+    """The straight road of two lanes, crossed at 100 m, and at 180 m where nobody walks."""
     folder = tmp_path_factory.mktemp("crossing")
     plain = road_plain(250.0, 2)
     road = replace(plain.edges[0], disallow="pedestrian")
@@ -40,7 +40,8 @@ def on_crossing(tmp_path_factory: pytest.TempPathFactory) -> SceneMaker:
     back = replace(
         road, id="back", source=road.target, target=road.source, num_lanes=1, shape=road.shape[::-1]
     )
-    build_net(with_crossing(replace(plain, edges=(road, back)), road, back, 100.0, recipe), net)
+    plain = replace(plain, edges=(road, back))
+    build_net(with_crossings(plain, road, back, (100.0, 180.0), recipe), net)
     return SceneMaker(folder, net, read_network(net))
 
 

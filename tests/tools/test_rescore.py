@@ -171,5 +171,5 @@ def test_what_was_judged_has_to_be_what_is_there(copy: Path) -> None:
     assert read_run(copy).rescored.startswith("rescored before its tables were changed")
     for broken in ("[]", "{", json.dumps({"schema_version": 1}), "[" * 100_000):
         (copy / NAME).write_text(broken)
-        with pytest.raises(InputError, match=r"rescored\.json: cannot be read"):
+        with pytest.raises(InputError, match=r"rescored\.json: (must be a mapping|cannot be read|.*missing)"):
             _ = read_run(copy).rescored

@@ -148,6 +148,8 @@ def test_a_cut_road_keeps_its_lanes_in_line(networks: dict[str, RoadNetwork]) ->
 class Recorder:
     """Proves nothing: every row is called solved and tempting; `asked` holds what the builder measured."""
 
+    expert = "idm-e"
+
     def __init__(
         self,
         verdicts: Callable[[ScenarioSpec, int], tuple[bool, bool]] = lambda *_: (True, True),

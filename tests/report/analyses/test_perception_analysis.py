@@ -19,7 +19,7 @@ from tsbench.report.analyses.failures import cause_of_failure, failures
 from tsbench.report.analyses.perception_levels import perception
 from tsbench.report.analyses.run_pool import read_pool
 
-POOR, GOOD = {"name": "poor", "right": 0.74}, {"name": "good", "right": 0.98}
+POOR, GOOD = run_builders.level("poor"), run_builders.level("good")
 RIGHT = SignDetection(10, "right", "s", "target", "2.4", None, 0.0, 0.0, 40.0, 10.0)
 
 

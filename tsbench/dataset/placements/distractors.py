@@ -29,8 +29,8 @@ from tsbench.signs.catalog import ScenarioType, load_catalog
 
 # How often a limit that is over stands behind the ego, and not an end alone.
 _LIMITS_SHARE = 0.6
-# Traffic of other types is slower than its plate asks.
-_SLOWER = ("min_speed",)
+# Rules of plates that are no distractors: traffic is slower than 4.6 asks, and no lane is painted for 5.14.x.
+_NEVER = ("min_speed", "reserved_lane")
 
 
 def distractors(
@@ -47,10 +47,14 @@ def distractors(
     kinds = [
         kind
         for kind in load_catalog().types
-        if kind.group != "priority" and kind.id not in _SLOWER and taken.isdisjoint(kind.codes)
+        if kind.group != "priority"
+        and taken.isdisjoint(kind.codes)
+        and load_catalog().sign(kind.codes[0]).rule.name not in _NEVER
     ]
     edges = leading_to(task, arrangement)
     if not edges and task.row.family == "corridor":
+        # No limit ends between works.
+        wanted = 0 if arrangement.obstacles else wanted
         return _over(task, kinds, behind_ego(task, arrangement, wanted), halves)
     codes = [code for kind in kinds for code in kind.codes]
     found: list[SignInstance] = []

@@ -110,8 +110,9 @@ class ManoeuvrePlacement(ScenePlacement):
         end_s = variant.route_end(least, room)
         plates = self.plates(task, short, compliant)
         scene = PlacedPlates(load_places(), plate_roads(network, graph), plates, (), ())
-        for _, why in scene.refused(plates[0]):
-            raise UnfitMapError(f"plate {self.code} {why}")
+        for plate in plates:
+            for _, why in scene.refused(plate):
+                raise UnfitMapError(f"plate {plate.code} {why}")
         banned |= self.banned(graph, short, self._allowed(self.other_code(task, short, compliant)))
         closed |= self.closed(graph, compliant) | self.empty(task, signed)
         grazing = grazing_turns(graph, short) | grazing_turns(graph, compliant)

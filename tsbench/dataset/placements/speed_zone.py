@@ -26,7 +26,7 @@ from tsbench.geometry.polyline import bend_speed, join
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.signs.annotations import DISTRACTOR, TARGET, SignInstance
+from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, SlowZoneParams
 from tsbench.signs.places import load_places
@@ -122,7 +122,7 @@ class SpeedZonePlacement(ScenePlacement):
         excess = max(recipe.number("least_excess_mps"), variant.initial_speed)
         v0 = min(v + excess, v + recipe.number("most_excess_kmh") * KMH, row.speed_mps)
         need = (v0 * v0 - v * v) / (2 * recipe.number("brake_mps2")) + 0.5 * v0 + 3.0
-        room = lane.line.length - need - EGO_LENGTH_M
+        room = lane.line.length - need - EGO_LENGTH_M - recipe.number("start_behind_m")
         require(room >= 0.0, f"no room to brake from {v0:.1f} m/s before the plate")
         jitter = float(task.rng.uniform(0.0, min(recipe.number("jitter_m"), room)))
         start = EgoStart(lane.id, lane.line.length - need - jitter - EGO_LENGTH_M / 2, v0)
@@ -182,38 +182,35 @@ class SpeedZonePlacement(ScenePlacement):
 
 
 class ZonePlacement(SpeedZonePlacement):
-    """`zone_speed_limit`, `residential_zone`: the ego's zone, and behind it another, with the other half's value.
+    """`zone_speed_limit`, `residential_zone`: another zone ends behind the ego's start, its own begins ahead.
 
-    At each border hang two plates, the begin for the traffic that enters and the end for the traffic that leaves. The
-    ego's destination is in its zone. In the contrast half the zones are exchanged.
+    Both go on beyond the map. At each border hang two plates, the begin for the traffic that enters and the end for the
+    traffic that leaves. In the contrast half the two zones are exchanged.
     """
 
-    behind_zone = ("between_zones_m", "other_zone_m", "end_before_edge_m")
+    behind_zone = ("end_before_edge_m",)
 
     @staticmethod
-    def _way(zone: Sequence[str], last: str) -> tuple[str, ...]:  # noqa: ARG004
+    def _way(zone: Sequence[str], last: str) -> tuple[str, ...]:
+        """The zone alone: the edge behind it is the end of the map."""
+        del last
         return tuple(zone)
 
     def _signs(
         self, task: SceneTask, zone: Sequence[str], last: str, limit: float
     ) -> tuple[SignInstance, ...]:
-        """Eight plates at four borders; the target is the first."""
-        recipe = task.recipe
-        ours, theirs = (self.code, self.end_code, limit), (*self.other_codes, self._other(task, limit))
-        behind = recipe.number("between_zones_m")
-        borders = ((zone[0], 0.0, ours), (last, 0.0, ours), (last, behind, theirs),
-                   (last, behind + recipe.number("other_zone_m"), theirs))  # fmt: skip
-        signs: list[SignInstance] = []
-        for k, (edge, s, (begin, end, value)) in enumerate(borders):
-            codes = (begin, end) if k % 2 == 0 else (end, begin)
-            back = self._across(task, edge, s)
-            params = None if k else ZoneParams((*zone, last))
-            role = DISTRACTOR if k else TARGET
-            signs += (
-                plate_beside(task.network, codes[0], edge, s, params, number=2 * k, role=role, value=value),
-                plate_beside(task.network, codes[1], *back, number=2 * k + 1, role=DISTRACTOR, value=value),
-            )
-        return tuple(signs)
+        """The target, and beside it its end; then the end of the other zone, and beside it its begin."""
+        first, network = task.row.fields["edge"] + ".0", task.network
+        theirs = self._other(task, limit)
+        begin, end = self.other_codes
+        border = task.recipe.number("other_border_m")
+        back, away = self._across(task, zone[0], 0.0), self._across(task, first, border)
+        return (
+            plate_beside(network, self.code, zone[0], 0.0, ZoneParams((*zone, last)), value=limit),
+            plate_beside(network, self.end_code, *back, number=1, role=DISTRACTOR, value=limit),
+            plate_beside(network, end, first, border, number=2, role=DISTRACTOR, value=theirs),
+            plate_beside(network, begin, *away, number=3, role=DISTRACTOR, value=theirs),
+        )
 
     @staticmethod
     def _across(task: SceneTask, edge: str, s: float) -> tuple[str, float]:

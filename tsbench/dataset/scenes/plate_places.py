@@ -22,8 +22,8 @@ from tsbench.sim.scene_file import EGO_ID
 CLOSING = ("3.1", "3.2")
 # Of the plates of both directions at one place: cosine of the least angle between them, and the widest road.
 _AGAINST, _ACROSS_M = -0.8, 60.0
-_FORBIDS_TURNS = "3.18."
-_NEVER_TOGETHER = {"min_speed": "reserved_lane", "reserved_lane": "min_speed"}
+_FORBIDS_TURNS, _ORDERS_TURNS = "3.18.", "4.1."
+_NEVER_TOGETHER = ({"min_speed", "reserved_lane"}, {"manoeuvre", "one_way_exit", "roundabout"})
 _MINOR, _MAJOR = ("2.4", "2.5"), ("2.1", "2.3.1", "2.3.2", "2.3.3")
 
 
@@ -125,8 +125,11 @@ def _choice(here: PlateHere) -> str:
     turns = [here.scene.roads.graph.turn(approach, e) for e in here.scene.roads.ways_on(approach)]
     if len(turns) < 2:
         return f"{len(turns) or 'no'} way on: no choice"
-    if not any(turn in here.sign.rule.options["allowed"] for turn in turns):
+    permitted = [turn in here.sign.rule.options["allowed"] for turn in turns]
+    if not any(permitted):
         return "permits no way on"
+    if all(permitted):
+        return "permits all ways on"
     return ""
 
 
@@ -150,7 +153,8 @@ def _open_road(here: PlateHere) -> str:
         return ""
     approach = here.ahead.edges[-1]
     permitted = [e for e in roads.ways_on(approach) if roads.graph.turn(approach, e) in allowed]
-    return "permits no way but closed ones" if permitted and all(map(here.closing, permitted)) else ""
+    asks = any if here.plate.code.startswith(_ORDERS_TURNS) else all
+    return "its way is closed" if permitted and asks(map(here.closing, permitted)) else ""
 
 
 def _one_way_across(here: PlateHere) -> str:
@@ -297,7 +301,8 @@ def _alone(here: PlateHere) -> str:
     for plate in here.scene.plates:
         other = PlateHere(here.scene, plate)
         rule = other.sign.rule.name
-        alike = rule in (here.sign.rule.name, _NEVER_TOGETHER.get(here.sign.rule.name))
+        rules = {rule, here.sign.rule.name}
+        alike = len(rules) == 1 or any(rules <= group for group in _NEVER_TOGETHER)
         if plate.id == here.plate.id or other.sign.is_end or not alike:
             continue
         for first, second in ((here, other), (other, here)):
@@ -322,6 +327,25 @@ def _both_ways(here: PlateHere) -> str:
             if against and abs(dx * cos + dy * sin) <= most and 0.0 < across <= _ACROSS_M:
                 return ""
     return f"no {wanted} faces the other direction"
+
+
+def _own_direction(here: PlateHere) -> str:
+    plate, roads = here.plate, here.scene.roads
+    if plate.code == "3.1" and roads.one_way(plate.edge):
+        return "closes a one-way road in its only direction"
+    for target in here.scene.plates:
+        if target.role == TARGET and load_catalog().sign(target.code).rule.name == "one_way_exit":
+            ahead = roads.approach(edge=target.edge, s=target.position_m)
+            across = roads.across(ahead.edges[-1]) if ahead.junction else {}
+            if any(plate.edge in out | into for out, into in across.values()):
+                return f"on the road across the {target.code}, which alone says its direction"
+    return ""
+
+
+def _lasting(here: PlateHere) -> str:
+    least = here.scene.table.distances.zone_m
+    short = bool(here.ahead.junction) and here.ahead.distance < least
+    return f"stands {here.ahead.distance:.0f} m before the junction where it ends" if short else ""
 
 
 def _is_over(here: PlateHere, before: SignInstance) -> bool:
@@ -354,5 +378,7 @@ _TESTS: Mapping[Place, Callable[[PlateHere], str]] = MappingProxyType(
         "ring": _ring,
         "alone": _alone,
         "both_ways": _both_ways,
+        "own_direction": _own_direction,
+        "lasting": _lasting,
     }
 )
