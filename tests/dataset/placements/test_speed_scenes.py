@@ -74,25 +74,28 @@ def place(networks: dict[str, RoadNetwork], type_id: str, speed: float = 7.75, s
 
 
 @pytest.mark.parametrize("type_id", ZONES)
-def test_a_zone_spans_edges_up_to_its_end_plate(networks: dict[str, RoadNetwork], type_id: str) -> None:
+def test_a_zone_spans_edges_from_its_plate(networks: dict[str, RoadNetwork], type_id: str) -> None:
     network, recipe = networks[type_id], recipe_of(type_id)
     a, kind = place(networks, type_id), load_catalog().type(type_id)
-    plate, end = a.signs[0], next(s for s in a.signs if s.code == kind.end_codes[0] and s.edge != "back")
-    assert plate.code == kind.codes[0]
-    zone, last = [f"road.{k + 1}" for k in range(int(recipe.number("zone_edges")))], end.edge
-    assert a.route_hint == ("road.0", *zone, *([last] if type_id == "speed_limit" else []))
+    plate, end = a.signs[:2]
+    assert (plate.code, end.code, plate.value) == (kind.codes[0], kind.end_codes[0], end.value)
+    zone = [f"road.{k + 1}" for k in range(int(recipe.number("zone_edges")))]
+    last = f"road.{len(zone) + 1}"
     assert plate.params.zone_edges == (*zone, last)
-    assert (plate.edge, plate.position_m, end.position_m) == ("road.1", 0.0, 0.0)
-    assert (plate.value, a.extra) == (end.value, ())
+    assert (plate.edge, plate.position_m, a.extra) == ("road.1", 0.0, ())
+    if type_id == "speed_limit":
+        assert (end.edge, end.position_m, end.ends) == (last, 0.0, plate.id)
+        zone.append(last)
+    assert a.route_hint == ("road.0", *zone)
     # The network keeps the road's own limit.
-    lengths = [network.edges[e].length for e in zone]
+    lengths = [network.edges[e].length for e in plate.params.zone_edges[:-1]]
     assert {lane.speed for lane in network.lanes if not lane.internal} == {MADE[type_id][0].speed_mps}
     assert sum(lengths) >= recipe.number("zone_m") - 1.0
-    assert lengths == pytest.approx([lengths[0]] * len(zone), abs=0.3)
-    before = [network.edges[e].length for e in a.route_hint[1:-1]]
+    assert lengths == pytest.approx([lengths[0]] * len(lengths), abs=0.3)
+    before = [network.edges[e].length for e in zone[:-1]]
     assert a.route_length == pytest.approx(sum(before) + a.destination.s)
-    assert a.destination.edge == a.route_hint[-1]
-    assert recipe.number("destination_behind_m") <= a.destination.s < network.edges[a.route_hint[-1]].length
+    assert a.destination.edge == zone[-1]
+    assert recipe.number("destination_behind_m") <= a.destination.s < network.edges[zone[-1]].length
 
 
 @pytest.mark.parametrize("type_id", ZONES[1:])
@@ -105,18 +108,19 @@ def test_at_each_border_the_begin_faces_who_enters_and_the_end_who_leaves(
     contrast = placement.contrast(task, signed)
     assert contrast is not None
     low, high = ((half.signs[0].code, half.signs[0].posted) for half in (signed, contrast))
-    ends = {begin: end for t in (kind, load_catalog().type("zone_speed_limit"))
-            for begin, end in zip(t.codes, t.end_codes, strict=True)}  # fmt: skip
-    for half, (first, second) in ((signed, (low, high)), (contrast, (high, low))):
-        borders = list(zip(half.signs[::2], half.signs[1::2], strict=True))
-        for k, ((ahead, back), (code, value)) in enumerate(
-            zip(borders, (first, first, second, second), strict=True)
-        ):
-            faces = (code, ends[code]) if k % 2 == 0 else (ends[code], code)
-            assert (ahead.code, back.code) == faces
-            assert ahead.posted == back.posted == value
-            assert (ahead.edge != "back", back.edge) == (True, "back")
-            assert abs(ahead.x - back.x) < 1.0
+    ends = {kind.codes[0]: kind.end_codes[0], "5.31": "5.32"}
+    for half, ours, theirs in ((signed, low, high), (contrast, high, low)):
+        hung = [(s.code, s.posted) for s in half.signs]
+        assert hung == [ours, (ends[ours[0]], ours[1]), (ends[theirs[0]], theirs[1]), theirs]
+        begin, end, other_end, other_begin = half.signs
+        assert (begin.edge, end.edge, other_end.edge, other_begin.edge) == (
+            "road.1",
+            "back",
+            "road.0",
+            "back",
+        )
+        assert abs(begin.x - end.x) < 1.0 > abs(other_end.x - other_begin.x)
+        assert other_end.position_m < half.start.s - EGO_LENGTH_M / 2
 
 
 @pytest.mark.parametrize("initial", INITIAL_SPEEDS_MPS)
@@ -148,14 +152,14 @@ def test_the_contrast_half_posts_another_value_and_asks_not_to_be_slow(
     assert [replace(s, code="X", value=None) for s in other.signs] == [
         replace(s, code="X", value=None) for s in signed.signs
     ]
-    end = next(s for s in other.signs if s.code == codes[1] and s.edge != "back")
     assert replace(other, signs=signed.signs, contrast=()) == signed
     (clause,) = other.contrast
     slow = clause.params
     assert isinstance(slow, SlowZoneParams)
     assert (clause.name, slow.start_m) == ("needless_slow", 0.0)
     assert slow.zone_edges == signed.signs[0].params_as(ZoneParams).zone_edges[:-1]
-    assert slow.end_m == pytest.approx(end.x - high.x, abs=0.5)
+    lengths = [task.network.edge_lanes(e)[0].line.length for e in slow.zone_edges]
+    assert slow.end_m == pytest.approx(sum(lengths), abs=0.5)
     assert slow.limit_kmh == pytest.approx(min(high.posted, task.row.speed_mps * 3.6))
 
 
