@@ -32,15 +32,15 @@ TYPES = {
     "no_turn_right": ("r_s", "X"), "no_turn_left": ("l_s", "X"), "direction_straight": ("r_s", "X"),
     "direction_right": ("s_r", "X"), "direction_left": ("s_l", "T"), "direction_straight_right": ("l_r", "X"),
     "direction_straight_left": ("r_s", "X"), "direction_left_right": ("s_l", "X"), "one_way_right": ("l_r", "T"),
-    "one_way_left": ("r_s", "X"), "no_entry": ("l_s", "X"),
+    "one_way_left": ("r_s", "X"), "no_entry": ("l_s", "X", 40.0),
 }  # fmt: skip
 
 
-def ways(slot: str, shape: str) -> tuple[PoolRow, PlainNet]:
-    """From a to b; on by p to d, or by q and round to p. On an X the third arm ends at t."""
+def ways(slot: str, shape: str, longer_m: float = 0.0) -> tuple[PoolRow, PlainNet]:
+    """From a to b; on by p to d, or by q and round to p. On an X the third arm ends at t. longer_m: of both exits."""
     first, second = TOWARDS[slot[0]], TOWARDS[slot[2]]
-    p, q = 50.0 * first, 30.0 * second
-    aside = np.array([30.0, 0.0]) if slot in ("l_r", "r_l") else 50.0 * first
+    p, q = (50.0 + longer_m) * first, (30.0 + longer_m) * second
+    aside = np.array([30.0, 0.0]) if slot in ("l_r", "r_l") else p
     around = [q + aside, p + aside] if slot in ("l_r", "r_l") else [q + aside]
     places = {"a": (-100.0, 0.0), "b": (0.0, 0.0), "p": p, "q": q, "d": p + 60.0 * first}
     corners = [f"u{k}" for k in range(len(around))]

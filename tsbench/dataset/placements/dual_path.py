@@ -108,12 +108,13 @@ class ManoeuvrePlacement(ScenePlacement):
         least = recipe.number("least_destination_m")
         require(room >= least, f"the destination edge is {goal:.0f} m long")
         end_s = variant.route_end(least, room)
-        plates = self.plates(task, short, compliant)
-        scene = PlacedPlates(load_places(), plate_roads(network, graph), plates, (), ())
-        for plate in plates:
-            for _, why in scene.refused(plate):
-                raise UnfitMapError(f"plate {plate.code} {why}")
-        banned |= self.banned(graph, short, self._allowed(self.other_code(task, short, compliant)))
+        plates, other = self.plates(task, short, compliant), self.other_code(task, short, compliant)
+        for half in (plates, self.other_plates(plates, other)):
+            scene = PlacedPlates(load_places(), plate_roads(network, graph), half, (), ())
+            for plate in half:
+                for _, why in scene.refused(plate):
+                    raise UnfitMapError(f"plate {plate.code} {why}")
+        banned |= self.banned(graph, short, self._allowed(other))
         closed |= self.closed(graph, compliant) | self.empty(task, signed)
         grazing = grazing_turns(graph, short) | grazing_turns(graph, compliant)
         closed |= _left_alone(graph, grazing) - {*short, *compliant}
