@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import zip_longest
 
 from tsbench.dataset.placements.placement import (
     Arrangement,
@@ -15,7 +14,6 @@ from tsbench.dataset.placements.placement import (
 )
 from tsbench.dataset.placements.posts import (
     bare_post,
-    behind_ego,
     can_stand,
     is_apart,
     leading_to,
@@ -25,10 +23,8 @@ from tsbench.dataset.placements.posts import (
 )
 from tsbench.dataset.scenes.plate_places import PlacedPlates
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import ScenarioType, load_catalog
+from tsbench.signs.catalog import load_catalog
 
-# How often a limit that is over stands behind the ego, and not an end alone.
-_LIMITS_SHARE = 0.6
 # Rules of plates that are no distractors: traffic is slower than 4.6 asks, and no lane is painted for 5.14.x.
 _NEVER = ("min_speed", "reserved_lane")
 
@@ -38,8 +34,7 @@ def distractors(
 ) -> tuple[SignInstance, ...]:
     """As many as the variant asks for and the map has places for, of codes that are not the scene's.
 
-    They face who comes towards the ego, or on roads that lead to its way from the side; the ego drives none of these.
-    On a one-way road they stand behind the ego, and are over: an end, or a limit with its end.
+    They face oncoming traffic, or stand on roads that lead to the ego's way from the side.
 
     halves: of the scene; in each a plate can stand where it stands, and no vehicle breaks it.
     """
@@ -52,10 +47,6 @@ def distractors(
         and load_catalog().sign(kind.codes[0]).rule.name not in _NEVER
     ]
     edges = leading_to(task, arrangement)
-    if not edges and task.row.family == "corridor":
-        # No limit ends between works.
-        wanted = 0 if arrangement.obstacles else wanted
-        return _over(task, kinds, behind_ego(task, arrangement, wanted), halves)
     codes = [code for kind in kinds for code in kind.codes]
     found: list[SignInstance] = []
     while len(found) < wanted:
@@ -80,38 +71,6 @@ def _fitting(
                     if can_stand([(*found, plate)] * len(halves), halves):
                         return plate
     return None
-
-
-def _over(
-    task: SceneTask,
-    kinds: Sequence[ScenarioType],
-    posts: Sequence[SignInstance],
-    halves: Sequence[PlacedPlates],
-) -> tuple[SignInstance, ...]:
-    """The posts with plates that no longer hold behind them: limits with their ends, and ends alone."""
-    limits = {kind.codes[0]: kind.end_codes[0] for kind in kinds if kind.end_codes}
-    found: tuple[SignInstance, ...] = ()
-    for post, after in zip_longest(posts, posts[1:]):
-        if found and found[-1].code in limits:
-            found = (*found, replace(post, code=limits[found[-1].code], value=found[-1].value))
-            continue
-        paired = after is not None and task.rng.random() < _LIMITS_SHARE
-        for code in shuffled(tuple(limits), task):
-            # A limit is tried with its end, which the next post then bears.
-            plates = _bearings(post, code if paired else limits[code], task)
-            ends = [
-                (replace(after, code=limits[code], value=p.value),) if paired and after else ()
-                for p in plates
-            ]
-            fit = [
-                p
-                for p, end in zip(plates, ends, strict=True)
-                if can_stand([(*found, p, *end)] * len(halves), halves)
-            ]
-            if fit:
-                found = (*found, fit[0])
-                break
-    return found
 
 
 def _bearings(post: SignInstance, code: str, task: SceneTask) -> list[SignInstance]:

@@ -22,15 +22,12 @@ from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.places import load_places
 from tsbench.sim.scene import EgoStart
-from tsbench.sim.world import EGO_LENGTH_M
 
 # Room before an arm's line and behind its start, from a line to a plate at it, and from post to post.
 _CLEAR_M = 15.0
 _AT_LINE_M = 2.0
 _APART_M = 8.0
 _OFF_M = 0.5
-# Of a plate that ended before the ego's start: from the start of the road, and behind the ego's rear.
-_BEHIND_M = 2.0
 # Places that are tried on each edge.
 TRIES = 16
 
@@ -81,14 +78,6 @@ def is_apart(post: SignInstance, others: Sequence[SignInstance]) -> bool:
     return all(math.dist((post.x, post.y), (other.x, other.y)) >= _APART_M for other in others)
 
 
-def behind_ego(task: SceneTask, arrangement: Arrangement, count: int) -> list[SignInstance]:
-    """Up to `count` posts on the ego's own road that it has passed before its start, apart from all others."""
-    edge = task.network.lane(arrangement.start.lane).edge
-    rear = arrangement.start.s - EGO_LENGTH_M / 2
-    places = np.arange(_BEHIND_M, rear - _BEHIND_M, _APART_M).tolist()
-    return _drawn(task, arrangement, [bare_post(task, arrangement, edge, s, 0) for s in places], count)
-
-
 def facing_ego(
     task: SceneTask, arrangement: Arrangement, edges: Sequence[str]
 ) -> tuple[SignInstance, SignInstance] | None:
@@ -117,15 +106,6 @@ def facing_ego(
             )
             return first, second
     return None
-
-
-def _drawn(
-    task: SceneTask, arrangement: Arrangement, posts: Sequence[SignInstance], count: int
-) -> list[SignInstance]:
-    """Up to `count` of the posts, in their order: those that are apart from an arrangement's plates."""
-    free = [p for p in posts if is_apart(p, arrangement.signs)]
-    chosen = sorted(task.rng.permutation(len(free))[:count].tolist())
-    return [bare_post(task, arrangement, free[n].edge, free[n].position_m, k) for k, n in enumerate(chosen)]
 
 
 def bare_post(task: SceneTask, arrangement: Arrangement, edge: str, s: float, k: int) -> SignInstance:
