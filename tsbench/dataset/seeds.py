@@ -32,7 +32,7 @@ def using_secret(path: Path) -> Iterator[None]:
 
 
 def read_secret(path: Path) -> str:
-    """The secret in a file. Raises InputError for what is none."""
+    """The secret in a file. Raises InputError for any other content."""
     text = read_text(path, "secret").strip()
     if not re.fullmatch("[0-9a-f]{64}", text):
         raise InputError(

@@ -110,7 +110,7 @@ class Verification:
 
 
 def read_verification(path: Path) -> Verification:
-    """The record of a verification. Raises InputError for what is none, and where its counts contradict each other."""
+    """The record of a verification. Raises InputError for other files, and for counts that contradict each other."""
     data = read_json(path, "record of a verification")
     if not isinstance(data, dict) or data.pop("kind", None) != KIND:
         raise InputError(f"{path}: no record of a verification (expected `kind: {KIND}`)")

@@ -1,4 +1,4 @@
-"""Passing a line or a crossing where there is nobody to wait for: standing there, and coming slowly to see.
+"""Passing a line or a crossing without a reason to wait: standing there, and approaching slowly to look.
 
 Source: docs/contrast.md, "Needless obedience". Units: m, s, m/s.
 """

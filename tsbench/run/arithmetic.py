@@ -49,7 +49,7 @@ def facts() -> Facts:
 
 
 def difference(old: Facts | None, new: Facts, planners: Sequence[str], device: str) -> str | None:
-    """The first of `differences`, None where there is none."""
+    """The first of `differences`, or None."""
     return next(iter(differences(old, new, planners, device)), None)
 
 

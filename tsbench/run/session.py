@@ -175,7 +175,7 @@ def _in_image(options: Options) -> Options:
 
 
 def probe(pool: Executor, request: Request, device: str = "cpu") -> tuple[PlannerInfo, ...]:
-    """What the planners of a run are. Raises InputError for one that is none, or two that would be one in records."""
+    """The facts of a run's planners. Raises InputError for a non-planner, or two that would be one in records."""
     return distinct(pool.probe(request.planners, device))
 
 

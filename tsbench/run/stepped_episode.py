@@ -25,7 +25,7 @@ from tsbench.sim.world import WorldSnapshot
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """It is the driver's turn: what is seen, and what was told at the episode's start."""
+    """The driver's turn: the observation, and the context from the episode's start."""
 
     context: PlannerContext
     observation: Observation

@@ -70,7 +70,7 @@ class Showing:
 
     @classmethod
     def of(cls, plan: ReleasePlan | None) -> Showing:
-        """As of a convoy or of pedestrians, None: of nobody who is held for the ego."""
+        """As of a convoy or of pedestrians; None: no road user is held for the ego."""
         if plan is None:
             return cls()
         if isinstance(plan, WalkersPlan):

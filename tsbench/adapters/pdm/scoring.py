@@ -73,7 +73,7 @@ def _moved(p: Proposals, look: int) -> tuple[Array, Array, Array, Array]:
 
 
 def _before(p: Proposals, o: Others, length: float) -> Flags:
-    """(m, STEPS + 1, n): is it before the ego's tail axle? Who comes from behind is at fault itself."""
+    """(m, STEPS + 1, n): is it before the ego's tail axle? A vehicle from behind is at fault itself."""
     x, y, c, s = _moved(p, 0)
     dx = o.x[:, : STEPS + 1].T[None] - x[:, :, None]
     dy = o.y[:, : STEPS + 1].T[None] - y[:, :, None]

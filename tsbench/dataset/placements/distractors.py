@@ -38,7 +38,7 @@ def distractors(
 ) -> tuple[SignInstance, ...]:
     """As many as the variant asks for and the map has places for, of codes that are not the scene's.
 
-    They face who comes towards the ego, or on roads that lead to its way from the side; the ego drives none of these.
+    They face oncoming traffic, or stand on side roads that lead to the ego's way; the ego drives on none of these.
     On a one-way road they stand behind the ego, and are over: an end, or a limit with its end.
 
     halves: of the scene; in each a plate can stand where it stands, and no vehicle breaks it.
@@ -70,7 +70,7 @@ def _fitting(
     task: SceneTask, arrangement: Arrangement, edges: Sequence[str], codes: Sequence[str],
     found: tuple[SignInstance, ...], halves: Sequence[PlacedPlates],
 ) -> SignInstance | None:  # fmt: skip
-    """A plate of the first of the codes, in a drawn order, that can stand on one of the edges; None: there is none."""
+    """A plate of the first of the codes, in a drawn order, that can stand on one of the edges, or None."""
     for code in shuffled(codes, task):
         for edge in shuffled(edges, task):
             line = task.network.edge_lanes(edge)[0].line

@@ -55,7 +55,7 @@ from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.scene import EgoStart
 
-# By the catalogue's word for who has priority.
+# By the catalogue's word for the arms with priority.
 _ROLES: Mapping[str, Callable[[PoolRow, float], Arms]] = MappingProxyType(
     {"main_arms": through_arms, "main_arm_on_right": bending_arms}
 )
@@ -134,7 +134,7 @@ class GiveWayPlacement(ScenePlacement):
         )  # fmt: skip
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
-        """The other plates on the same posts; nobody who comes goes before the ego."""
+        """The other plates on the same posts; no vehicle goes before the ego."""
         arms, recipe = self._contrast_arms(task.row, task.recipe), task.recipe
         exit_edge, cars = signed.destination.edge, signed.convoy
         if cars is not None:

@@ -72,7 +72,7 @@ class Ready:
 
 @dataclass(frozen=True)
 class Probed:
-    """What a planner is, or in one line why there is none."""
+    """The facts of a planner, or in one line the reason why it has none."""
 
     planner: PlannerInfo | None
     problem: str = ""

@@ -66,7 +66,7 @@ def arithmetic() -> dict[str, str]:
 
 
 def command_of(spec: str, python: str) -> list[str]:
-    """What is to run in a sandbox. python: its name there. Raises InputError for a program that is none."""
+    """What is to run in a sandbox. python: its name there. Raises InputError for a missing program."""
     if spec.startswith(EXECUTABLE):
         path = Path(spec.removeprefix(EXECUTABLE)).resolve()
         if not (path.is_file() and os.access(path, os.X_OK)):

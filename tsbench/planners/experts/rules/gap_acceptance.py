@@ -126,7 +126,7 @@ class Yielding:
         return (self._briskly(observation, route, here) if to_go < _NEAR_M else -math.inf), most
 
     def _defensively(self, observation: Observation, route: RouteView, here: WayThrough) -> float:
-        """Stops before the zone of one who drives through the junction and will not let the ego go first."""
+        """Stops before the zone of a vehicle that drives through the junction and will not let the ego go first."""
         most, v = math.inf, observation.ego.speed
         front = route.s + HALF_LENGTH_M - here.line_s
         for vehicle in self._finder.find(true_world(observation).actors):
@@ -175,7 +175,7 @@ class Yielding:
         """May the ego go on now, if it goes on as it would?"""
         vehicles = self._finder.find(true_world(observation).actors)
         self._note_trend(vehicles)
-        # Who has no right of way counts once it is in the junction all the same.
+        # A vehicle without right of way counts too, once it is in the junction.
         coming = [
             (f, z)
             for f in vehicles
@@ -218,7 +218,7 @@ class Yielding:
         last = min(int(here.end_s + 2.0 * HALF_LENGTH_M + _MANNER.room_m), samples.last)
         lengths, widths, speeds = actors.length.tolist(), actors.width.tolist(), actors.speed.tolist()
         for k, (x, y, heading) in enumerate(actors.pose.tolist()):
-            # Who drives across will be gone.
+            # Crossing vehicles will be gone.
             if (
                 speeds[k] < 1.0
                 and first_contact(samples, first, last, (x, y, heading, lengths[k], widths[k])) >= 0

@@ -1,6 +1,6 @@
 """Right of way at the other junctions on the way, where no sign of the scene speaks: as the network has it.
 
-The way round a prohibited turn leads over several junctions; who drives it has to get through them unhurt.
+The way round a prohibited turn leads over several junctions, which the ego has to pass unhurt.
 Units: m, s.
 """
 
