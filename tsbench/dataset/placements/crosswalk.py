@@ -111,7 +111,7 @@ class CrosswalkPlacement(ScenePlacement):
         bend = bend_speed(lane, onward, recipe.number("bend_look_m"), recipe.number("bend_lateral_mps2"))
         cruise = round(min(network.shown_limits[lane.index], lane.speed, bend), 2)
         require(cruise >= recipe.number("least_cruise_mps"), f"{cruise:.1f} m/s at the crossing")
-        # Only a fast ego loses time by slowing: an ego that starts slowly would not slow for a pedestrian.
+        # A fast start makes yielding cost time: an ego that is slow from the start does not slow for pedestrians.
         share = np.interp(
             variant.initial_speed,
             INITIAL_SPEEDS_MPS,

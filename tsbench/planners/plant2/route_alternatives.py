@@ -61,7 +61,8 @@ class RouteAlternatives:
     def intent(self, x: float, y: float, ahead: float) -> tuple[str, ...]:
         """Edges of the way that a plan follows: it leads to a point (world, m) `ahead` metres from here.
 
-        () for the navigation's way and for a point on no way. Where ways run together, the plan keeps its earlier way.
+        () for the navigation's way, and where that is not among the ways. Where ways run together, the plan keeps its
+        earlier way.
         """
         if self._intended is None:
             return ()

@@ -79,7 +79,7 @@ class Sandbox:
 
         output: a descriptor for what it prints; None: this process's.
 
-        Raises InputError for a missing program, and where no sandbox can be made.
+        Raises InputError for a file that cannot be executed, and where no sandbox can be made.
         """
         command = command_of(spec, sys.executable)
         maker = _maker()
@@ -181,7 +181,7 @@ def _confined(maker: _Maker) -> list[str]:
 
 
 def _as_new(file: int) -> int:
-    """A new descriptor for the target of a file. For a pipe it restores the mode and times, which may have changed.
+    """A new descriptor for the target of a file. For a pipe it restores mode, times and size, which may have changed.
 
     Opened anew, so that flags, signals and locks of an earlier one are not its.
     """

@@ -66,7 +66,7 @@ def arithmetic() -> dict[str, str]:
 
 
 def command_of(spec: str, python: str) -> list[str]:
-    """What is to run in a sandbox. python: its name there. Raises InputError for a missing program."""
+    """What is to run in a sandbox. python: its name there. Raises InputError for a file that cannot be executed."""
     if spec.startswith(EXECUTABLE):
         path = Path(spec.removeprefix(EXECUTABLE)).resolve()
         if not (path.is_file() and os.access(path, os.X_OK)):
@@ -76,7 +76,7 @@ def command_of(spec: str, python: str) -> list[str]:
 
 
 def _absolute(spec: str) -> str:
-    """The same for who stands in another folder."""
+    """The same spec for a process in another folder."""
     source, _, attribute = spec.rpartition(":")
     return f"{Path(source).resolve()}:{attribute}" if source.endswith(".py") else spec
 

@@ -57,14 +57,14 @@ class ObservedVehicle:
 
 @dataclass(frozen=True, slots=True)
 class GapRequirement:
-    """What is asked before the ego goes in front of somebody.
+    """What is asked before the ego goes in front of another vehicle.
 
     gap: a vehicle that would reach its zone within so many seconds of the ego's entry there is in the way, its speed
     counted as `least` at least; 0: no rule says so. post_clear: for so long the ego has left a zone before the next
     one is there. On top of these: gap_s, clear_s. behind_s: after a vehicle that has just cleared the zone. foe_accel:
     assumed acceleration of others; `trust` on top of what is seen, if they are not `slow` (m/s). patience_s: a vehicle
-    that has stood for so long is taken to go on standing. share: how much of its way through the zone the
-    ego has done when one comes who is still before its line; all of it where the other is in the junction.
+    that has stood for so long is taken to go on standing. share: how much of its way through the zone the ego has
+    done when a vehicle comes that is still before its line; all of it where the other is in the junction.
     """
 
     gap: float
