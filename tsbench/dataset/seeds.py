@@ -57,7 +57,7 @@ def _kept(path: str) -> str:
 
 
 def seed_of(*names: object) -> int:
-    """As `core.seeds.seed_of`; of a sealed data set another one, which nobody has without its secret."""
+    """As `core.seeds.seed_of`; of a sealed data set another one, which needs its secret."""
     return seeds.seed_of(*_secret(), *names)
 
 

@@ -208,7 +208,7 @@ def verify(
 
 
 def _strange(claim: Claim, table: Sequence[ScenarioSpec]) -> Iterator[Mismatch]:
-    """Episodes of no row of the split: nobody can drive them again."""
+    """Episodes of no row of the split, which cannot be driven again."""
     known = {spec.scenario_id for spec in table}
     strange = sorted(e.scenario_id for e in claim.episodes if e.scenario_id not in known)
     if strange:

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 
 class ProgressListener(Protocol):
-    """Who is told how a run goes."""
+    """A listener to the progress of a run."""
 
     def notice(self, line: str) -> None:
         """Something about the folder that its owner should know."""

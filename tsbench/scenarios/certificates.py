@@ -108,7 +108,7 @@ class Certificate:
 
     @property
     def sane(self) -> bool:
-        """Traffic is there as asked, nobody stands in anybody, and both episodes came to an end."""
+        """Traffic is there as asked, no bodies overlap, and both episodes came to an end."""
         if self.error or self.overlaps:
             return False
         if not self.asked_density:

@@ -126,7 +126,7 @@ class JunctionTraffic:
         return own + DT_S > ego + min(plan.after_s, REACHED_AFTER_S)
 
     def _speak(self) -> None:
-        """From now everybody does what the plates say; who would have entered by now enters from now on."""
+        """From now on all traffic does what the plates say; vehicles that would have entered by now enter."""
         self._silent = False
         for vehicle in self._convoy:
             self._sim.release(vehicle)
@@ -136,7 +136,7 @@ class JunctionTraffic:
             self._let_in(self._late, max(self._sim.time() + DT_S, self._late[0].depart))
 
     def _there(self) -> list[str]:
-        """Who of the convoy is on the road."""
+        """The vehicles of the convoy that are on the road."""
         return [vehicle for vehicle in self._convoy if self._sim.is_there(vehicle)]
 
     def _let_in(self, cars: tuple[LateEntry, ...], at: float) -> None:

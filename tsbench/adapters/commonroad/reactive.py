@@ -164,7 +164,7 @@ class Reactive:
         back = np.array([math.cos(ego.heading), math.sin(ego.heading)]) * _REAR_M
         steering = ego.steering
         if ego.speed < _STILL_MPS:
-            # Who stands can turn the wheels before it drives off; the planner takes them as they are.
+            # A standing vehicle can turn the wheels before it drives off; the planner takes them as they are.
             s = self._frame.convert_to_curvilinear_coords(*(np.array([ego.x, ego.y]) - back))[0]
             steering = math.atan(
                 EGO.wheelbase * float(np.interp(s, self._frame.ref_pos, self._frame.ref_curv))

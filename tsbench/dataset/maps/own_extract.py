@@ -1,4 +1,4 @@
-"""An extract that somebody has: what the description of a city says of it."""
+"""An extract of the user's: its entry in the description of a city."""
 
 from __future__ import annotations
 

@@ -59,7 +59,7 @@ class _Walker:
 class CrosswalkPlacement(ScenePlacement):
     """`crosswalk`: a crossing in the middle of a corridor; people set off so that the first meets the ego there.
 
-    Behind the ego's destination is another one, which nobody crosses. At each the plates of both directions are alike:
+    Behind the ego's destination is another one without pedestrians. At each the plates of both directions are alike:
     5.19 at the first and a limit, which slows no vehicle, at the second; in the contrast half they are exchanged.
     """
 

@@ -1,4 +1,4 @@
-"""Plates that bind others, or nobody, on the way: what stands there is no answer. Source: docs/contrast.md.
+"""Plates on the way that do not bind the ego: what stands there is no answer. Source: docs/contrast.md.
 
 Units: m.
 """

@@ -148,7 +148,7 @@ class ManoeuvrePlacement(ScenePlacement):
         )
 
     def closed(self, graph: LaneGraph, way: Sequence[str]) -> frozenset[str]:
-        """Edges that nobody enters, wherever from, where `way` is prohibited."""
+        """Edges that no vehicle enters, wherever from, where `way` is prohibited."""
         del graph, way
         return frozenset()
 

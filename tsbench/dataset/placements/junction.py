@@ -174,7 +174,7 @@ class GiveWayPlacement(ScenePlacement):
         before, plates = recipe.number("plate_before_line_m"), []
         for k, (edge, code) in enumerate(wanted):
             s = max(network.edge_lanes(edge)[0].line.length - before, _FIRST_PLATE_M)
-            # Without params a plate binds nobody that we watch.
+            # Without params a plate binds no watched vehicle.
             params, role = (None, DISTRACTOR) if k else (binding, TARGET)
             plates.append(plate_beside(network, code, edge, s, params, number=k, role=role))
         if self._faces == "main_arms":
@@ -190,7 +190,7 @@ def _nobody_comes(row: PoolRow, recipe: Recipe) -> bool:
 
 
 def _empty_plate(recipe: Recipe) -> str:
-    """The plate that the ego's and the opposite approach exchange where nobody comes."""
+    """The plate that the ego's and the opposite approach exchange without other traffic."""
     return str(recipe.choices["empty_plates"][0])
 
 

@@ -101,7 +101,7 @@ def waits(graph: LaneGraph, edge: str, following: str, absent: AbstractSet[Turn]
     absent: turns that no vehicle makes.
 
     Where a main road bends at crossroads, SUMO has its left turn yield to the left turn of a side road too ("m"):
-    that one yields to all others in its turn, and holds nobody up.
+    that one yields to all others in its turn, and holds no vehicle up.
     """
     lanes = graph.network.lanes
     first = {

@@ -1,4 +1,4 @@
-"""Who enters a scene, and when, so that the asked density stays: found by driving the scene once without the ego.
+"""Departures that keep the asked density of a scene: found by driving the scene once without the ego.
 
 While SUMO runs, a car is let in wherever there is room as soon as there are fewer cars than asked; what was let in is
 written down and becomes the scene's departures. What is missing from the mean of the first 30 s (the ego's and the

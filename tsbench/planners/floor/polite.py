@@ -79,7 +79,7 @@ class Polite(RuleConstraint):
         junction, found = self._map.edges[self._approach].target, False
         for k, index in enumerate(actors.lane.tolist()):
             speed = float(actors.speed[k])
-            # Who stands while the ego does would be waited for for ever.
+            # Waiting for a vehicle that stands as well would never end.
             both_stand = max(speed, observation.ego.speed) < _STANDS_MPS
             if index < 0 or both_stand or lanes[index].edge == self._approach:
                 continue

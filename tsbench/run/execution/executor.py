@@ -1,4 +1,4 @@
-"""Who runs episodes: what a session asks of the worker processes of this machine, or of those of a cluster."""
+"""Runs episodes: what a session asks of the worker processes of this machine, or of those of a cluster."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Executor(Protocol):
     ) -> None:
         """Run all tasks; `keep` gets each record as it comes, once its trace lies in the run folder.
 
-        Ends early once `stop` says so. Raises InputError: the run folder takes nothing more, or nobody works.
+        Ends early once `stop` says so. Raises InputError: the run folder takes nothing more, or no worker is left.
         """
 
     def memory(self) -> list[MemoryUse]:

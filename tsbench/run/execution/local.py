@@ -245,7 +245,7 @@ class Pool:
         self._failed_starts = 0 if begun else self._failed_starts + 1
         if begun:
             task = worker.held.popleft()
-            # Who took too long beside others may be in time alone.
+            # A planner that took too long beside others may be in time alone.
             late = overrun is not None and overrun.late
             outside = overrun is None and not worker.broken and status in _FROM_OUTSIDE
             if not ((late or outside) and tasks.retry(task, alone=late)):

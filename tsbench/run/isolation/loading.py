@@ -129,7 +129,7 @@ def load(
 ) -> LoadedPlanner:
     """A planner for a worker of a run, whose own code runs in sandboxes only.
 
-    alone: each episode has a new one. show: as for `PlannerProcess`, for who is no worker.
+    alone: each episode has a new one. show: as for `PlannerProcess`, outside of workers.
     """
     places = [Path(place) for place in hidden]
 

@@ -86,7 +86,7 @@ class Sandbox:
         arguments = sandbox_arguments(maker, binds_of(files.binds), [str(place) for place in covered(hidden)])
         rules = _readable(call_filter())
         self.line, far_end = socket.socketpair()
-        # After all that can fail: nobody would remove it.
+        # After all that can fail: otherwise it would stay.
         try:
             self._group: ControlGroup | None = ControlGroup(MEMORY_BYTES, LIMITS["NPROC"])
         except OSError:

@@ -125,7 +125,7 @@ def shown_to_all() -> list[Path]:
 
 
 def is_public(place: Path) -> bool:
-    """May everybody read a file, or look into a folder?"""
+    """May every user read a file, or look into a folder?"""
     wanted = 0o5 if place.is_dir() else 0o4
     return place.exists() and place.stat().st_mode & wanted == wanted
 
@@ -141,7 +141,7 @@ def is_of_tsbench(place: Path) -> bool:
 
 
 def covered(hidden: Sequence[Path]) -> list[Path]:
-    """What nobody finds in a sandbox, wherever it lies: the data that tell of scenes, and `hidden`."""
+    """What no sandbox shows, wherever it lies: the data that tell of scenes, and `hidden`."""
     data = {place / name for place in roots() if place != _PACKAGE for name in _DATA}
     return sorted(data | {path.resolve() for path in hidden})
 

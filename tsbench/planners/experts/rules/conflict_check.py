@@ -126,7 +126,7 @@ class GapRequirement:
     def _soonest(self, seen: ObservedVehicle) -> float:
         """Least seconds until it reaches its zone: it gathers speed, but slows down for its turn."""
         vehicle, limit, accel = seen.vehicle, self._limit(seen), self._gathers(seen)
-        # Who gives way to others, and brakes, comes to its own line at a walk.
+        # A vehicle that gives way to others, and brakes, comes to its own line at a walk.
         waits = seen.path.connection.state in "ms" and (
             seen.accel < _BRAKES_MPS2 or vehicle.speed < self.slow
         )

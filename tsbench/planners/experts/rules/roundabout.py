@@ -1,4 +1,4 @@
-"""Roundabouts (4.3): the ring's traffic goes first at the entry; on the ring, those who push in at other entries."""
+"""Roundabouts (4.3): the ring's traffic goes first at the entry; on the ring, vehicles that push in elsewhere."""
 
 from __future__ import annotations
 
