@@ -147,5 +147,5 @@ class Run:
 
 
 def load_run(path: str | Path) -> Run:
-    """A run folder. Raises InputError for what is none."""
+    """A run folder. Raises InputError for any other path."""
     return Run(path)

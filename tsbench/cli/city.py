@@ -87,7 +87,7 @@ def show(name: str, png: Path | None, streets: bool, rose: Path | None, osm_dir:
 
 
 def _show_streets(city: City, osm_dir: Path | None, rose: Path | None) -> None:
-    """Statistics of the street network of each extract, and a picture of which way its streets run."""
+    """Statistics of the street network of each extract, and a picture of the directions of its streets."""
     from tsbench.dataset.maps.extracts import find_extract
     from tsbench.dataset.maps.paths import sources_dir
     from tsbench.dataset.maps.streets import draw_bearings, graph_of, streets_of

@@ -113,7 +113,7 @@ image = click.option(
 
 
 def split(default: str | None = None, *, required: bool = False, made: bool = False) -> Option:
-    """`--split`, and of which city; made: for what is made of it."""
+    """`--split` and `--city`. made: the command makes something of the split."""
     # A default of None would be a value to click, and nothing that is missing.
     given: dict[str, Any] = {} if required else {"default": default}
     table = click.option(

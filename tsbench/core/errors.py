@@ -6,7 +6,7 @@ from tsbench.core.text import written_out
 
 
 def cause_of(error: BaseException) -> str:
-    """Kind and text of somebody else's exception, on one line, fit for any file: its text may be no text at all."""
+    """Kind and text of a foreign exception, on one line, fit for any file: its text may be no text at all."""
     try:
         text = " ".join(str(error).split())
     except Exception:

@@ -1,4 +1,4 @@
-"""Objects that are handed out many times, and that nobody may write into."""
+"""Read-only objects that are handed out many times."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Frozen:
         raise FrozenInstanceError(f"cannot delete {name!r} of a {type(self).__name__}")
 
     def __copy__(self) -> Self:
-        """Itself: nobody can tell a copy from it."""
+        """Itself: a copy would be no different."""
         return self
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:

@@ -172,8 +172,8 @@ _BEFORE = ("exe:",)
 
 
 def expanded(path: str | Path) -> Path:
-    """The path with `~` and `~name` at its beginning as the home folder; as it is for a name that nobody has."""
-    return Path(os.path.expanduser(path))  # noqa: PTH111  (Path.expanduser raises for a name that nobody has)
+    """The path with `~` and `~name` at its beginning as the home folder; as it is for an unknown user."""
+    return Path(os.path.expanduser(path))  # noqa: PTH111  (Path.expanduser raises for an unknown user)
 
 
 def expanded_text(text: str) -> str:
@@ -198,7 +198,7 @@ def driven_as(name: str, side: str) -> str:
 
 
 def driven_city(name: str) -> str:
-    """The data set that is driven where a user names a city; a name that nobody describes stays as it is."""
+    """The data set that is driven where a user names a city; a name without a description stays as it is."""
     with using_city(name):
         path = cities_folder() / f"{name}.yaml"
         described = read_yaml(path, "a city") if path.is_file() else None

@@ -70,7 +70,7 @@ class _Stream(io.TextIOWrapper):
 def standard_streams() -> Iterator[None]:
     """Streams for a command: a closed one takes all and keeps nothing; errors of stderr never end what is done.
 
-    Streams that somebody has put in place of the process's own stay.
+    Streams that replace the process's own stay.
     """
     _open_closed()
     before = sys.stdout, sys.stderr

@@ -1,7 +1,7 @@
 """A sealed data set: scenes that are drawn with a secret, and what is published of them before they are.
 
 Published are a hash of every file and of the secret. Later come the files; the hashes prove that they are those
-that were meant then. With the secret and the extracts everybody can make the same files again.
+that were meant then. With the secret and the extracts the same files can be made again.
 """
 
 from __future__ import annotations

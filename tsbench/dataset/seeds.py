@@ -32,7 +32,7 @@ def using_secret(path: Path) -> Iterator[None]:
 
 
 def read_secret(path: Path) -> str:
-    """The secret in a file. Raises InputError for what is none."""
+    """The secret in a file. Raises InputError for any other content."""
     text = read_text(path, "secret").strip()
     if not re.fullmatch("[0-9a-f]{64}", text):
         raise InputError(
@@ -57,7 +57,7 @@ def _kept(path: str) -> str:
 
 
 def seed_of(*names: object) -> int:
-    """As `core.seeds.seed_of`; of a sealed data set another one, which nobody has without its secret."""
+    """As `core.seeds.seed_of`; of a sealed data set another one, which needs its secret."""
     return seeds.seed_of(*_secret(), *names)
 
 

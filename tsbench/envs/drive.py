@@ -210,7 +210,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             self._drawn().show(self._last)
 
     def _drawn(self) -> View:
-        """Made when the first picture is asked for: who asks for none pays nothing."""
+        """Made for the first picture: without pictures it costs nothing."""
         if self._view is None:
             from tsbench.envs.view import View
 

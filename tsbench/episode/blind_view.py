@@ -19,7 +19,7 @@ import numpy as np
 from tsbench.core.frozen import Frozen
 from tsbench.planners.base import Observation, PlannerContext, SignView
 
-# Words by which scene files tell who has which part, or where: none of them may reach a planner.
+# Words in scene files that name the part or place of a road user: none of them may reach a planner.
 _ROLES = re.compile(
     r"convoy|walker|leader|target|distractor|contra|compliant|obedient|priority|sign_|path_|\bbg|cut\d|\.xml|/",
     re.IGNORECASE,

@@ -15,7 +15,7 @@ from tsbench.scenarios.spec import ScenarioSpec
 class EpisodeResult:
     """One episode. `facts` is None if it ended before the first tick (a scene that does not load).
 
-    error: one line, "" where there is none; detail: traceback and SUMO's last words for `errors/`.
+    error: one line, or ""; detail: traceback and SUMO's last words for `errors/`.
     planner_s: (n,) seconds that the planner took at each tick; sim_s, start_s, total_s: wall-clock seconds.
     commands: (n, 2) acceleration and steering as asked by the planner (or its trajectory's tracker).
     plans: where the planner meant to drive, with each command that told it.

@@ -44,7 +44,7 @@ class EpisodeLoop:
     """Runs episodes one after the other in the process's one simulation; the caller supplies the commands.
 
     heartbeat: called with a `Phase` at each change, so that a watchdog knows who is late. simulation, loader: those of
-    this process, where somebody else has them already.
+    this process, if they exist already.
     """
 
     def __init__(

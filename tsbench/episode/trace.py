@@ -110,7 +110,7 @@ def trace_path(run: Path, planner: str, scenario_id: str) -> Path:
 def find_trace(run: Path, episode: str) -> Path:
     """The trace of `scenario_id` or `planner/scenario_id` in a run folder.
 
-    Raises InputError where there is none, naming a few that there are, and where several planners have one.
+    Raises InputError for a missing trace, naming a few others, and where several planners have one.
     """
     root = run / "traces"
     if not run.is_dir():

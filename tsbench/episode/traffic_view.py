@@ -57,7 +57,7 @@ class TrafficView:
         )  # fmt: skip
 
     def _remember(self, actors: Actors, rows: list[int], ego: EgoState) -> None:
-        """Who is in sight, until that changes."""
+        """The road users in sight, until that changes."""
         pose, table = actors.pose.tolist(), actors.table
         new = [
             (math.hypot(x - ego.x, y - ego.y), x, y, row)
@@ -81,7 +81,7 @@ class TrafficView:
             turn = turn_class(math.degrees(heading_change(network, edge, after)))
             if turn == STRAIGHT:
                 continue
-            # Who turns round signals to the middle of the road.
+            # A vehicle that turns round signals to the middle of the road.
             to_right = network.left_hand if turn == U_TURN else turn == RIGHT
             side = Indicator.RIGHT if to_right else Indicator.LEFT
             for lane in network.edge_lanes(edge):

@@ -1,7 +1,7 @@
 """Functions with the same bits on every CPU, for float64 arrays and numbers: NumPy's own choose their code by the CPU.
 
-They are made of additions, multiplications, divisions and comparisons alone, each of which IEEE 754 rounds in one way,
-and which NumPy never contracts. Accurate to a few units in the last place.
+They use additions, multiplications, divisions and comparisons alone. IEEE 754 rounds each of these in one way, and
+NumPy never contracts them. Accurate to a few units in the last place.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def arctan2(y: Array, x: Array) -> Array:
 
 
 def exp(x: Array) -> Array:
-    """e to the power of x, of which what is beyond -700..700 is cut."""
+    """e to the power of x, with x clipped to -700..700."""
     x = np.minimum(np.maximum(x, -_EXP_MOST), _EXP_MOST)
     whole = np.rint(x * _LOG2_E)
     rest = x - whole * _LN2_HIGH - whole * _LN2_LOW

@@ -100,7 +100,7 @@ def _zone(
 def _ground(
     path_a: tuple[Polyline, float], path_b: tuple[Polyline, float], b_in: float, b_out: float
 ) -> list[tuple[float, float]]:
-    """The cells of a zone: points across the middle of each on `b`, of which those in the strip of `a` count."""
+    """The cells of a zone: points across the middle of each on `b`; those in the strip of `a` count."""
     (a, a_width), (b, b_width) = path_a, path_b
     count = max(math.ceil((b_out - b_in) / _CELL_M), 1)
     ends = [b_in + (b_out - b_in) * (k + 1) / count for k in range(count)]

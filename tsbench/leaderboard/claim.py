@@ -106,7 +106,7 @@ def events_of(run: StoredRun) -> Events:
 def episodes_of(run: StoredRun, info: PlannerInfo, events: Events) -> tuple[SubmittedEpisode, ...]:
     """A planner's episodes in a run, with their digests, sorted by scenario_id.
 
-    Raises InputError where there is none, and for what no run writes.
+    Raises InputError for a run without them, and for what no run writes.
     """
     rows = sorted(run.of(info.name).to_pylist(), key=lambda row: row["scenario_id"])
     if not rows:

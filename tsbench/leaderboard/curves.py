@@ -20,9 +20,9 @@ Point = tuple[str, Figure]
 
 
 def curve(points: Sequence[Point], floor: Point | None, name: str, title: str) -> Markup:
-    """Values by perception level with their intervals, as inline SVG. floor: who reads no plate, dashed.
+    """Values by perception level with their intervals, as inline SVG. floor: the planner without plates, dashed.
 
-    name: unlike that of any other figure of the page. title: for those who do not see it, before the values.
+    name: unique among the figures of the page. title: the alternative text for screen readers, before the values.
     """
     said = f"{title}: {'; '.join(f'{level} {_words(figure)}' for level, figure in points)}"
     if floor is not None:

@@ -117,7 +117,7 @@ class BoardRow:
 
 
 def latest(rows: Iterable[BoardRow]) -> BoardRow:
-    """The row to show where a planner was submitted more than once: one that nobody refuted, then the last."""
+    """The row to show where a planner was submitted more than once: an unrefuted one, then the last."""
     return max(rows, key=lambda row: (not row.refuted, row.submission.finished, row.sha256))
 
 

@@ -53,7 +53,7 @@ _UNCOMPARED = ("planner", "error")
 
 @dataclass(frozen=True)
 class SubmittedEpisode:
-    """What is told of one episode. clauses: of the events that count against SCD, sorted; digest: hex."""
+    """The result of one episode. clauses: of the events that count against SCD, sorted; digest: hex."""
 
     scenario_id: str
     outcome: str
@@ -165,7 +165,7 @@ def json_schema() -> dict[str, Any]:
 def read_submission(path: Path) -> Submission:
     """A submission.
 
-    Raises InputError for what is none, for what no run can say, and for names that show readers other ones.
+    Raises InputError for other files, for what no run can say, and for names that show readers other ones.
     """
     data = read_json(path, "submission")
     if not isinstance(data, dict) or data.pop("kind", None) != KIND:

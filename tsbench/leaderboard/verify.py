@@ -110,7 +110,7 @@ class Verification:
 
 
 def read_verification(path: Path) -> Verification:
-    """The record of a verification. Raises InputError for what is none, and where its counts contradict each other."""
+    """The record of a verification. Raises InputError for other files, and for counts that contradict each other."""
     data = read_json(path, "record of a verification")
     if not isinstance(data, dict) or data.pop("kind", None) != KIND:
         raise InputError(f"{path}: no record of a verification (expected `kind: {KIND}`)")
@@ -208,7 +208,7 @@ def verify(
 
 
 def _strange(claim: Claim, table: Sequence[ScenarioSpec]) -> Iterator[Mismatch]:
-    """Episodes of no row of the split: nobody can drive them again."""
+    """Episodes of no row of the split, which cannot be driven again."""
     known = {spec.scenario_id for spec in table}
     strange = sorted(e.scenario_id for e in claim.episodes if e.scenario_id not in known)
     if strange:

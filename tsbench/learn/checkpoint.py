@@ -47,7 +47,7 @@ def save_checkpoint(
 def load_checkpoint(
     out: Path, net: nn.Module, optimiser: Optimizer, job: Mapping[str, Any]
 ) -> dict[str, Any] | None:
-    """Put a saved state back and return its progress; None where there is none.
+    """Restore a saved state and return its progress, or None without one.
 
     Raises InputError for a damaged checkpoint, or one of another training.
     """

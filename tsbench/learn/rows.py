@@ -21,6 +21,6 @@ def add_row(path: Path, row: Row, key: str) -> None:
 
 
 def read_rows(path: Path) -> list[Row]:
-    """The rows of a file, none where there is none."""
+    """The rows of a file; none without a file."""
     lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
     return [json.loads(line) for line in lines]

@@ -1,6 +1,6 @@
 """How the ego got on with others: efficiency, time to collision, post-encroachment time.
 
-Units: m, s, m/s, rad. All three are values with validity: None says that there was nobody to measure against.
+Units: m, s, m/s, rad. All three are values with validity: None says that no other road user was there.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def efficiency(tracks: Tracks) -> float | None:
 
 
 def min_ttc(tracks: Tracks) -> float | None:
-    """Least time to collision, s; None where the ego was on collision course with nobody within 10 s.
+    """Least time to collision, s; None without a collision course within 10 s.
 
     At each tick all go on along their headings with their speeds; the time to collision is when the
     footprints would first touch: exact, by the separating axes of two rectangles that do not turn.
@@ -81,7 +81,7 @@ def min_ttc(tracks: Tracks) -> float | None:
 
 
 def min_pet(tracks: Tracks) -> float | None:
-    """Least post-encroachment time, s; None where nobody crossed the ego's way within 10 s of it.
+    """Least post-encroachment time, s; None without a crossing of the ego's way within 10 s of it.
 
     The time from one road user leaving a place to the other reaching it: the least |t1 - t2| for which the
     ego's footprint at t1 and the other's at t2 overlap while their headings differ by more than 30 degrees

@@ -149,7 +149,7 @@ class PlannerContext:
 
 
 def true_world(observation: Observation) -> WorldSnapshot:
-    """The world as an expert is told of it. Raises InputError where a planner that is none asks."""
+    """The world as experts see it. Raises InputError for other planners."""
     if observation.truth is None:
         raise InputError("Observation.truth is for planners with privileged = True")
     return observation.truth

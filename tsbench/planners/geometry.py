@@ -83,7 +83,7 @@ def route_line(
 ) -> RouteLine:
     """The route from `behind` m before its beginning to at least `past` m behind the destination.
 
-    It is continued along the lanes that lead there straightest, and straight on where there is none. Make it once for
+    It is continued along the lanes that lead there straightest, and straight on without lanes. Make it once for
     each `observation.route.path`.
     """
     path, graph = observation.route.path, context.graph
@@ -125,7 +125,7 @@ def _onward(roads: RoadMap, lane: int, reach: float, *, back: bool) -> Array:
 
 
 def _straightest(roads: RoadMap, lane: int, *, back: bool) -> int:
-    """Of the lanes behind one (back: before) that at whose far end the heading has changed least; -1: there is none."""
+    """Of the lanes behind one (back: before) that at whose far end the heading has changed least, or -1."""
     steps = (pairwise((c.from_lane, *c.via, c.to_lane)) for c in roads.connections)
     others = {(a if back else b) for way in steps for a, b in way if lane == (b if back else a)}
 

@@ -18,7 +18,7 @@ from tsbench.core.extras import install_command
 def import_attribute(source: str, attribute: str, where: str) -> object:
     """The attribute (dotted names descend) of a module, or of a file ending in `.py`.
 
-    `where` begins the line of the InputError that is raised where there is none.
+    `where` begins the line of the InputError for a missing attribute.
     """
     module = _from_file(Path(source), where) if source.endswith(".py") else _from_module(source, where)
     found: object = module

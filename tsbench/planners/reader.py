@@ -59,7 +59,7 @@ class Reader:
             try:
                 return self._expert.act(observation)
             except InputError:
-                # What was read leaves no way: nobody can have meant that, so it is as if nothing stood there.
+                # What was read leaves no way: it must be misread, so it is as if nothing stood there.
                 if self._told == (self._privilege.sign.code, self._privilege.sign.value):
                     raise
                 self._expert = None
@@ -86,7 +86,7 @@ class Reader:
 class Careful(Reader):
     """Takes a post that it has not read for what is safest there, as `blind` does, and goes slowly towards it.
 
-    Who is slow has more looks, and time to obey what they tell.
+    A slow ego has more looks, and time to obey what they tell.
     """
 
     def __init__(self) -> None:

@@ -40,7 +40,7 @@ def _lane_on(roads: RoadMap, path: RoutePath, edge: str) -> MapLane | None:
 
 
 def _near_side(roads: RoadMap, path: RoutePath, sign: SignView) -> float:
-    """Where the strip that a plate belongs to begins, along the route; the plate's own place where there is none."""
+    """Where the strip that a plate belongs to begins, along the route; without a strip, the plate's own place."""
     place = path.line.project(sign.x, sign.y)[0]
     begins = [_begin(path, crossing) for crossing in roads.crossings.values() if sign.edge in crossing.edges]
     return min(begins, key=lambda s: abs(s - place), default=place)

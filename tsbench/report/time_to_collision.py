@@ -23,7 +23,7 @@ from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, WorldSnapshot
 
 
 def how_near(snapshot: WorldSnapshot, name: str) -> str:
-    """Distance of the footprints, and the time to collision as `min_ttc` has it; "" for who is out of sight."""
+    """Distance of the footprints, and the time to collision as `min_ttc` has it; "" for a road user out of sight."""
     actors, ego = snapshot.actors, snapshot.ego
     table = actors.table
     if name not in table.ids:

@@ -1,1 +1,1 @@
-"""Roads as planners and rules see them: paths through junctions, where they conflict, who comes on them."""
+"""Roads as planners and rules see them: paths through junctions, their conflicts, the vehicles on them."""

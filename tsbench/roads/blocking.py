@@ -77,7 +77,7 @@ def blockers(
     speed: float,
     asked: PriorityGap,
 ) -> list[Blocker]:
-    """Who blocks the ego now, in the order of `vehicles`.
+    """The vehicles that block the ego now, in the order of `vehicles`.
 
     zones: by path of the vehicles, with the ego's path (a: ego, b: other), as `path_zones` has them for that path.
     front: the ego's on its path, < 0 before the line. speed: the ego's.

@@ -65,7 +65,7 @@ def path_zones(
     """[k][j]: where `paths[k]` (a) and `others[j]` (b) conflict.
 
     width: of every strip; None: each is as wide as its lanes. least_overlap: where strips overlap by less, there is no
-    zone: those of neighbouring lanes that turn apart do so by a few centimetres, where nobody meets anybody.
+    zone: those of neighbouring lanes that turn apart do so by a few centimetres, where no vehicles meet.
     """
     own, met = ([(p.line, p.width if width is None else width) for p in side] for side in (paths, others))
     return conflict_zones(own, met, min_depth=least_overlap)

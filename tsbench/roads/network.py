@@ -97,8 +97,8 @@ class RoadNetwork(RoadMap):
     def shown_limits(self) -> tuple[float, ...]:
         """The limit of each lane that planners are shown, by index, m/s: what a road's class lets a driver expect.
 
-        On a junction it is the lower one of the roads that a way joins. SUMO's own limit, which comes from a plate on
-        the real road, is nobody's to keep or to use: no planner can know it.
+        On a junction it is the lower one of the roads that a way joins. SUMO's own limit comes from a plate on
+        the real road that is not in the scene: planners and rules must not use it.
         """
         limits = [self.expected_speed(lane.edge) for lane in self.lanes]
         for connection in self.connections:
@@ -235,7 +235,7 @@ def _turn_touching(lanes: list[Lane], connections: list[Connection]) -> None:
 def read_network(path: Path, content: bytes | None = None) -> RoadNetwork:
     """Read a network, from its uncompressed `content` where that is at hand.
 
-    Raises InputError (one line: file, place, problem) for anything that is none.
+    Raises InputError (one line: file, place, problem) for any other content.
     """
     root = parse(read_plain(path, "network") if content is None else content, path, "net", "network")
     left_hand = root.get("lefthand") == "true"

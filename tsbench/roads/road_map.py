@@ -118,6 +118,6 @@ class RoadMap:
 
 
 def lanes_beside(index: int, order: int, count: int, left_hand: bool) -> dict[str, int]:
-    """Who is `left` and `right` of a lane (index), number `order` of `count` from the kerb; -1 = none."""
+    """The lanes `left` and `right` of a lane (index), number `order` of `count` from the kerb; -1 = none."""
     outer, inner = index - 1 if order else -1, index + 1 if order + 1 < count else -1
     return {"left": outer, "right": inner} if left_hand else {"left": inner, "right": outer}

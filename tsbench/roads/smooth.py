@@ -15,7 +15,7 @@ _BESIDE_M = 0.015
 def joined(parts: Sequence[Array]) -> Polyline:
     """The line through (k, 2) points of parts that follow each other.
 
-    SUMO cuts the path of a turn where a car would wait, and where that is follows from who has priority. So the points
+    SUMO cuts the path of a turn where a car would wait, which depends on the right of way. So the points
     at cuts go first where they lie on the line without them; then whatever others do, the least first, that one drive
     gives one line however it was cut.
     """

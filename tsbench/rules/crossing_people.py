@@ -1,4 +1,4 @@
-"""Who is on a pedestrian crossing, or about to step onto it, in the ego's way. Units: m, m/s, rad.
+"""Pedestrians on a crossing, or about to step onto it, in the ego's way. Units: m, m/s, rad.
 
 Source: docs/rules.md, "Crosswalk".
 """
@@ -47,7 +47,7 @@ class CrossingPeople:
     def anyone_in_the_way(
         self, x: float, y: float, heading: float, actors: Actors, people: Sequence[int]
     ) -> bool:
-        """Is somebody on the crossing and not clear of the ego's strip, or about to step onto it?
+        """Is a pedestrian on the crossing and not clear of the ego's strip, or about to step onto it?
 
         x, y, heading: a pose of the ego's, where it is or where it will cross; its strip goes straight on from there.
         """
@@ -63,7 +63,7 @@ class CrossingPeople:
         return 0.0 <= place.u <= self.length and abs(place.w) <= self.width / 2
 
     def is_about_to_step(self, actors: Actors, place: PedestrianPlace) -> bool:
-        """Is somebody near the kerb, and walking towards it?"""
+        """Is a pedestrian near the kerb, and walking towards it?"""
         at, _, u, w, _ = place
         outside = max(-u, u - self.length)
         if outside > self._kerb or abs(w) > self.width / 2 + self._kerb:
@@ -72,7 +72,7 @@ class CrossingPeople:
         return outside > 0.0 and towards >= self._along and float(actors.speed[at]) > self._moving
 
     def past(self, x: float, y: float, heading: float, actors: Actors, place: PedestrianPlace) -> float:
-        """How far somebody has got beyond the strip swept from a pose of the ego's (< 0: before it or in it)."""
+        """How far a pedestrian has got beyond the strip swept from a pose of the ego's (< 0: before it or in it)."""
         _, row, u, w, direction = place
         dx, dy = x - self._x, y - self._y
         ego_u, ego_w = dx * self._c + dy * self._s, dy * self._c - dx * self._s

@@ -89,7 +89,7 @@ class ForcedBraking:
         return vehicle.s < vehicle.speed * DT_S and (slower or path.connection.state in _MINOR)
 
     def _for_leader(self, actors: Actors, vehicle: PriorityVehicle, before: float) -> bool:
-        """Is somebody slower near ahead of it, on its path or its lane?"""
+        """Is a slower vehicle near ahead of it, on its path or its lane?"""
         path, own = self._paths[vehicle.path], int(actors.lane[vehicle.at])
         starts = {own: vehicle.s - float(actors.lane_s[vehicle.at]), path.target.index: path.line.length}
         at = 0.0

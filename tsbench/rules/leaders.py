@@ -1,4 +1,4 @@
-"""Who drives ahead of the ego on its lane, and on those that this one leads into. Units: m, m/s."""
+"""Vehicles ahead of the ego on its lane, and on those that this one leads into. Units: m, m/s."""
 
 from __future__ import annotations
 

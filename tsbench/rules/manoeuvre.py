@@ -99,7 +99,7 @@ class Manoeuvre(Monitor):
 def _exits(network: RoadNetwork, approach: str, junction: str) -> dict[str, tuple[float, float]]:
     """By ordinary edge of the junction: change of heading (rad) for an ego that leaves by it, and direction.
 
-    An arm's incoming edge counts too: who drives out on it has made the turn, on the wrong side.
+    An arm's incoming edge counts too: an ego that drives out on it has made the turn, on the wrong side.
     """
     out = {
         e.id: (heading_change(network, approach, e.id), 1.0)

@@ -51,7 +51,7 @@ class MinSpeed(Monitor):
                 self._under.broken(tick, tick.ego.speed * KMH_PER_MPS, threshold)
 
     def finish(self) -> Verdict:
-        """Who was never slow for long may have been slow on the whole."""
+        """An ego that was never slow for long may have been slow on the whole."""
         self._end()
         t = self.rule.thresholds
         if (

@@ -1,4 +1,4 @@
-"""Passing a line or a crossing where there is nobody to wait for: standing there, and coming slowly to see.
+"""Passing a line or a crossing without a reason to wait: standing there, and approaching slowly to look.
 
 Source: docs/contrast.md, "Needless obedience". Units: m, s, m/s.
 """
@@ -83,7 +83,7 @@ class Passage:
         return at_metre(self._bends, self._source_m + front)
 
     def held(self, snapshot: WorldSnapshot, front: float) -> bool:
-        """Is there, or was there until a moment ago, somebody to wait for?"""
+        """Is there, or was there until a moment ago, a reason to wait?"""
         if self._blocked(snapshot, front) or self._somebody_steps_out(snapshot) or self._jam(snapshot, front):
             self._free_from = snapshot.time + self._react_s
         return snapshot.time < self._free_from
@@ -91,7 +91,7 @@ class Passage:
     def _blocked(self, snapshot: WorldSnapshot, front: float) -> bool:
         """Would a vehicle with priority come within `gap_s`, or is any other in the ego's way already?
 
-        On ground that the ego's front has passed nobody is in its way.
+        On ground that the ego's front has passed no road user is in its way.
         """
         speed, gap = snapshot.ego.speed, self._gap
         vehicles = self._vehicles.find(snapshot.actors)
@@ -122,7 +122,7 @@ class Passage:
 
 
 class NeedlessStop(Monitor):
-    """Has the ego stood for nobody, from the start until it is past, longer than a moment in all?"""
+    """Has the ego stood without a reason, from the start until it is past, longer than a moment in all?"""
 
     def __init__(self, params: PassageParams, sign: SignInstance, catalog: Catalog, scene: Scene) -> None:
         super().__init__(sign, catalog.needless, scene)
@@ -143,7 +143,7 @@ class NeedlessStop(Monitor):
 
 
 class NeedlessYield(Monitor):
-    """Was the ego slow for nobody: at one place very slow, or slow on the whole, on its approach or on its passage?"""
+    """Was the ego slow without a reason: very slow at one place, or slow on the whole, on its approach or passage?"""
 
     def __init__(self, params: PassageParams, sign: SignInstance, catalog: Catalog, scene: Scene) -> None:
         super().__init__(sign, catalog.needless, scene)

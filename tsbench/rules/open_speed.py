@@ -1,4 +1,4 @@
-"""The speed that is open to the ego, whatever it makes of it: what driving slowly for nobody is measured against.
+"""The speed that is open to the ego, whatever it makes of it: the measure of needlessly slow driving.
 
 Source: docs/contrast.md, "Needless obedience". Units: m, s, m/s, m/s2.
 """
@@ -35,7 +35,7 @@ class OpenSpeed:
         self.speed = 0.0
 
     def update(self, snapshot: WorldSnapshot, most: float = math.inf, held: bool = False) -> float:
-        """The speed at this tick. most: what place and plates allow there. held: somebody makes the ego wait."""
+        """The speed at this tick. most: what place and plates allow there. held: a road user makes the ego wait."""
         ego = snapshot.ego
         if ego.lane >= 0:
             self._limit = self._limits[ego.lane]

@@ -1,4 +1,4 @@
-"""Give way to who is on the ring, and drive round it the right way. Units: m.
+"""Give way to vehicles on the ring, and drive round it the right way. Units: m.
 
 Source: docs/rules.md, "Give way".
 """
@@ -26,7 +26,7 @@ _NOISE_M = 1e-6
 
 
 class Roundabout(GiveWay):
-    """Who still stands at another arm's line has no priority yet: it is not on the ring."""
+    """A vehicle that still stands at another arm's line has no priority yet: it is not on the ring."""
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         self._ring_edges = sign.params_as(RoundaboutParams).ring

@@ -12,7 +12,7 @@ from tsbench.sim.world import WorldSnapshot
 
 
 class Stop(GiveWay):
-    """Asks a full stop of everybody who crosses the line, traffic or none; what follows is giving way."""
+    """Asks a full stop of every ego that crosses the line, traffic or none; what follows is giving way."""
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
@@ -26,7 +26,7 @@ class Stop(GiveWay):
         self._lowest = min(self._lowest, snapshot.ego.speed) if to_go <= self._within else math.inf
 
     def at_line(self, snapshot: WorldSnapshot) -> None:
-        """Clause no_full_stop. Who came too fast to be seen before the line is judged by the speed at it."""
+        """Clause no_full_stop. Without a tick just before the line, the speed at the line counts."""
         lowest = self._lowest if math.isfinite(self._lowest) else snapshot.ego.speed
         self._lowest = math.inf
         if lowest > self._at_most:

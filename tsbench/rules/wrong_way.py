@@ -33,7 +33,7 @@ class WrongWay(Monitor):
             self._against.keep()
 
     def _is_against(self, ego: EgoState) -> bool:
-        """At a tick. Paths inside a junction cross, and have no direction for who is on another one."""
+        """At a tick. Paths inside a junction cross, and have no direction for an ego on another one."""
         lane = self._lanes[ego.lane] if ego.lane >= 0 else None
         if lane is None or lane.internal or math.cos(ego.heading - lane.line.heading_at(ego.s)) >= 0.0:
             return False

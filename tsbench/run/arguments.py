@@ -26,7 +26,7 @@ def whole_number(name: str, value: object, unit: str = "") -> int:
 
 
 def number_of(name: str, value: object, least: float) -> float:
-    """The value as a float. Raises InputError for what is none, and for what is less than `least`."""
+    """The value as a float. Raises InputError for anything but a number, and below `least`."""
     try:
         number = math.nan if isinstance(value, str | bool) else float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
@@ -53,7 +53,7 @@ def text(name: str, value: object) -> str:
 
 
 def path_of(name: str, value: object) -> Path:
-    """The value as a path, `~` at its beginning as the home folder. Raises InputError for what is none."""
+    """The value as a path, `~` at its beginning as the home folder. Raises InputError for other values."""
     if not isinstance(value, str | os.PathLike):
         raise InputError(f"{name} {value!r}: expected a path")
     return expanded(os.fspath(value))

@@ -23,7 +23,7 @@ from tsbench.planners.registry import comes_with_tsbench
 Facts = dict[str, Any]
 
 _PACKAGES = ("numpy", "scipy", "shapely", "opencv-python-headless", "torch")
-# Packages that only a planner of somebody else's, or a GPU, brings into an episode.
+# Packages that only a foreign planner, or a GPU, brings into an episode.
 _THEIRS = ("torch",)
 # Variants of a function differ in one of a thousand results or so.
 _POINTS = 20_000
@@ -49,7 +49,7 @@ def facts() -> Facts:
 
 
 def difference(old: Facts | None, new: Facts, planners: Sequence[str], device: str) -> str | None:
-    """The first of `differences`, None where there is none."""
+    """The first of `differences`, or None."""
     return next(iter(differences(old, new, planners, device)), None)
 
 

@@ -1,4 +1,4 @@
-"""Who is told of a run beside its console, such as a tracker of experiments."""
+"""Listeners of a run beside its console, such as a tracker of experiments."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class Options:
     runner: str = RUNNER
 
     def check(self) -> None:
-        """Refuse what the command line refuses by itself, for those who call from Python. Raises InputError."""
+        """Refuse what the command line refuses by itself, for callers from Python. Raises InputError."""
         choices = {"split": (self.request.split, SPLITS), "trace": (self.trace, TRACES),
                    "device": (self.device, DEVICES), "executor": (self.executor, EXECUTORS)}  # fmt: skip
         for name, (value, known) in choices.items():

@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 
 class ProgressListener(Protocol):
-    """Who is told how a run goes."""
+    """A listener to the progress of a run."""
 
     def notice(self, line: str) -> None:
         """Something about the folder that its owner should know."""
@@ -175,7 +175,7 @@ def _in_image(options: Options) -> Options:
 
 
 def probe(pool: Executor, request: Request, device: str = "cpu") -> tuple[PlannerInfo, ...]:
-    """What the planners of a run are. Raises InputError for one that is none, or two that would be one in records."""
+    """The facts of a run's planners. Raises InputError for a non-planner, or two that would be one in records."""
     return distinct(pool.probe(request.planners, device))
 
 

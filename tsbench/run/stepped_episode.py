@@ -1,4 +1,4 @@
-"""`tsbench run`'s own episode, step by step: for environments, for those who collect drives, and for a debugger.
+"""`tsbench run`'s own episode, step by step: for environments, for collections of drives, and for a debugger.
 
 So they drive by the very code that scores planners, errors and ends included.
 """
@@ -25,7 +25,7 @@ from tsbench.sim.world import WorldSnapshot
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """It is the driver's turn: what is seen, and what was told at the episode's start."""
+    """The driver's turn: the observation, and the context from the episode's start."""
 
     context: PlannerContext
     observation: Observation
@@ -53,7 +53,7 @@ class Judged:
 class SteppedEpisode:
     """The one simulation of this process: one episode at a time, and a new one ends the one before.
 
-    simulation, loader: those of this process, where somebody else has them already.
+    simulation, loader: those of this process, if they exist already.
     """
 
     def __init__(self, simulation: Simulation | None = None, loader: SceneLoader | None = None) -> None:

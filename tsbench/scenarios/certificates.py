@@ -1,6 +1,6 @@
 """Certificates: what driving a scenario row proved about it. `scenarios/certificates.parquet`, one row per scenario.
 
-Source: docs/scenes.md, "Certificates". Who drives stands above this layer (`dataset.certify`).
+Source: docs/scenes.md, "Certificates". The drives are above this layer (`dataset.certify`).
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ class Certificate:
     basis says nothing. scoring: number of the scoring (`run.contract.SCORING`) that judged them last; a later one may
     be asked to prove it again. reproduced: another process, maybe with other code or on another machine, found the same
     (None = not tried).
-    Of a pair, in both its rows, None where there is none: exclusive: neither half's certified commands pass in the
-    other half. passed_by: who passes both halves without reading a plate, "" = nobody who was tried. blind_equal: the
+    Of a pair, in both its rows, None without a pair: exclusive: neither half's certified commands pass in the other
+    half. passed_by: a driver that passes both halves without plates, "" = none that was tried. blind_equal: the
     first view of the halves is the same bytes but for what the plates say. differs_s: time from which on others do
     something else than in the other half, None where they never do before the ego is past its line. brake_mps2: the
     deceleration that would still stop the ego before that line then, None likewise.
@@ -73,7 +73,7 @@ class Certificate:
     brake_mps2: float | None = None
 
     def unpaired_because(self, row: ScenarioSpec) -> str:
-        """Why the row's pair measures nothing, "" where it does, where it was not looked at, or there is none."""
+        """Why the row's pair measures nothing; "" if it does, was not looked at, or does not exist."""
         if row.pair_id and row.half == SIGNED and not (self.engaged and self.tempting):
             return (
                 f"{self.blind_baseline} keeps the rule of the signed half"
@@ -108,7 +108,7 @@ class Certificate:
 
     @property
     def sane(self) -> bool:
-        """Traffic is there as asked, nobody stands in anybody, and both episodes came to an end."""
+        """Traffic is there as asked, no bodies overlap, and both episodes came to an end."""
         if self.error or self.overlaps:
             return False
         if not self.asked_density:

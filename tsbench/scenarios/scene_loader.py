@@ -83,5 +83,5 @@ class SceneLoader:
 
 
 def load_scene(spec: ScenarioSpec) -> Scene:
-    """The scene of one row, for those who need no more than one."""
+    """The scene of one row, for callers that need one only."""
     return SceneLoader().load(spec)[0]

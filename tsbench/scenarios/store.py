@@ -110,7 +110,7 @@ class _Opened:
 
 
 def _next_int(head: Iterator[int]) -> int:
-    """The next field of a page's header, whose first three are int32 in Thrift's compact form. ValueError: is none."""
+    """The next field of a page's header; the first three are int32 in Thrift's compact form. ValueError for others."""
     if next(head, None) != _INT32_NEXT:
         raise ValueError("a page without its sizes")
     value = 0

@@ -164,7 +164,7 @@ def code_key(code: str) -> tuple[tuple[int, str], ...]:
 
 
 def yaml_files(folder: Path) -> list[Path]:
-    """The files of a folder of the catalogue, by name. Raises InputError where there is none."""
+    """The files of a folder of the catalogue, by name. Raises InputError for an empty folder."""
     paths = sorted(folder.glob("*.yaml"))
     if not paths:
         raise InputError(f"{folder}: no YAML files here")

@@ -20,7 +20,7 @@ CONTRAST = "contrast"
 
 @dataclass(frozen=True)
 class PassageParams(ApproachParams):
-    """Of needless_stop and needless_yield: who comes by `approach` and leaves by `exit` has nobody to wait for.
+    """Of needless_stop and needless_yield: the way from `approach` to `exit` needs no waiting.
 
     main_in: edges into the junction between them whose vehicles have priority over the ego all the same, if one
     comes. crossing: the one between them that is passed, at most one; none: the junction is.
@@ -59,7 +59,7 @@ class SlowZoneParams(PlateParams):
 class WayParams(ApproachParams):
     """Of needless_detour: the way that the navigation gives and the plates permit.
 
-    exits: edges of which the first behind the junction at the approach's end is to be one; none: any. lanes: those
+    exits: allowed first edges behind the junction at the approach's end; none: any. lanes: those
     in which the ego is to stay on their edges; none: any.
     """
 

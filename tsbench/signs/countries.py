@@ -39,7 +39,7 @@ class Equivalent:
     """One country's sign for one sign of the catalogue.
 
     code: the country's official one, or several that stand together ("220-20 + 1000-33"), "none", or "unknown" where
-    its file has no entry. reason: why there is none. note: what differs. checked: found in a source other than
+    its file has no entry. reason: why none exists. note: what differs. checked: found in a source other than
     memory. drawing: its SVG under `sign_catalog/plates/`, None = it looks as the catalogue's sign does.
     """
 
@@ -70,7 +70,7 @@ class Equivalent:
 class Traffic:
     """What holds in a country where no plate says otherwise.
 
-    side: that traffic keeps to. unit: of speeds, on plates too. unsigned: who goes first at a junction without signs.
+    side: that traffic keeps to. unit: of speeds, on plates too. unsigned: right of way at a junction without signs.
     speeds: limits in that unit by ROAD_CLASSES; one that is left out is not known, or there are no such roads.
     """
 

@@ -102,7 +102,7 @@ NEEDLESS = RuleKind(
     f"leader_least_m lane_s {_ROAD}",
     "needless_stop needless_yield needless_slow needless_detour",
 )
-# Of no plate, in every scene: against the direction of a lane nobody is sent.
+# Of no plate, in every scene: no way leads against the direction of a lane.
 WRONG_WAY = RuleKind("wrong_way", None, "longest_m near_obstacle_m", "wrong_way")
 OF_NO_PLATE: Mapping[str, RuleKind] = MappingProxyType({kind.name: kind for kind in (NEEDLESS, WRONG_WAY)})
 RULE_KINDS: Mapping[str, RuleKind] = MappingProxyType({kind.name: kind for kind in _KINDS})

@@ -40,7 +40,7 @@ def draw_sheet(catalog: Catalog, country: Country | None = None) -> Image.Image:
 
 
 def save_sheet(catalog: Catalog, path: Path, country: Country | None = None) -> None:
-    """Draw the contact sheet into a PNG file. Raises InputError where it is none by name or cannot be written."""
+    """Draw the contact sheet into a PNG file. Raises InputError for another suffix and where it cannot be written."""
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: the sheet is a PNG, name it so")
     with io_errors_as_input_errors(path), replacing(path) as part:

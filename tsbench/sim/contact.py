@@ -12,7 +12,7 @@ _EGO_RADIUS_M = math.hypot(EGO_LENGTH_M, EGO_WIDTH_M) / 2
 
 
 def touched_actor(ego: EgoState, actors: Actors) -> int:
-    """Position in `actors` of the first one whose footprint overlaps the ego's; -1 if there is none."""
+    """Position in `actors` of the first one whose footprint overlaps the ego's, or -1."""
     ex, ey = ego.x, ego.y
     # Half the longest body plus a metre and a half is beyond any corner of a road vehicle.
     reach = actors.table.longest * 0.5 + 1.5 + _EGO_RADIUS_M

@@ -70,7 +70,7 @@ class Showing:
 
     @classmethod
     def of(cls, plan: ReleasePlan | None) -> Showing:
-        """As of a convoy or of pedestrians, None: of nobody who is held for the ego."""
+        """As of a convoy or of pedestrians; None: no road user is held for the ego."""
         if plan is None:
             return cls()
         if isinstance(plan, WalkersPlan):
@@ -129,7 +129,7 @@ class ConvoyRelease:
         return not self._done and self.update_at(self.approach.to_line(ego), ego.speed)
 
     def update_at(self, to_line: float, speed: float) -> bool:
-        """The same for who knows the ego's station: its front's metres to the line."""
+        """The same from the ego's station: its front's metres to the line."""
         if self._done:
             return False
         self._done = self._is_time(to_line, speed)

@@ -1,8 +1,8 @@
-"""Everybody but the ego at a junction whose plates could be exchanged: they tell nothing until it is too late.
+"""Traffic at a junction whose plates could be exchanged: it does not give the plates away until it is too late.
 
-Who has priority is seen in what others do. So until the ego waits at its line, or could no longer stop before it meets
-the convoy, however late that is, SUMO's right of way moves nobody: the convoy comes as the release says and stops
-before its own line, who waits on another arm waits on, and who would enter the scene enters later. An ego that could
+The behaviour of others shows the right of way. So until the ego waits at its line, or could no longer stop before it
+meets the convoy, however late that is, SUMO's right of way moves no vehicle: the convoy comes as the release says and
+stops before its own line, vehicles on other arms wait on, and new vehicles enter the scene later. An ego that could
 be through before the convoy comes, if it did its utmost from now, meets it all the same: the convoy hurries.
 Source: docs/scenes.md, "Priority at junctions". Units: m, s.
 """
@@ -31,7 +31,7 @@ HOLD_BRAKE_MPS2 = 2.0
 
 
 def exchangeable(scene: Scene) -> bool:
-    """Do plates of this scene say who has priority at a junction, in one half of a pair so and in the other not?"""
+    """Do plates of this scene set the right of way at a junction, and differ between the halves of a pair?"""
     params = scene.target_sign.params
     if isinstance(params, GiveWayParams) and not isinstance(params, RoundaboutParams):
         return True
@@ -69,7 +69,7 @@ class JunctionTraffic:
         sim.load_scene(scene, content)
 
     def begin(self) -> None:
-        """Hold who waits for the ego."""
+        """Hold the vehicles that wait for the ego."""
         for vehicle in self._there():
             self._sim.hold(vehicle)
         if self._silent and self._sim.is_there(WAITING_ID):
@@ -126,7 +126,7 @@ class JunctionTraffic:
         return own + DT_S > ego + min(plan.after_s, REACHED_AFTER_S)
 
     def _speak(self) -> None:
-        """From now everybody does what the plates say; who would have entered by now enters from now on."""
+        """From now on all traffic does what the plates say; vehicles that would have entered by now enter."""
         self._silent = False
         for vehicle in self._convoy:
             self._sim.release(vehicle)
@@ -136,7 +136,7 @@ class JunctionTraffic:
             self._let_in(self._late, max(self._sim.time() + DT_S, self._late[0].depart))
 
     def _there(self) -> list[str]:
-        """Who of the convoy is on the road."""
+        """The vehicles of the convoy that are on the road."""
         return [vehicle for vehicle in self._convoy if self._sim.is_there(vehicle)]
 
     def _let_in(self, cars: tuple[LateEntry, ...], at: float) -> None:

@@ -23,7 +23,7 @@ from tsbench.signs.contrast import contrast_from_additional, contrast_to_poi
 from tsbench.sim.scene import ConvoyPlan, EgoStart, Obstacle, Scene, SceneFile, SceneLayout, WalkersPlan
 
 EGO_ID = "ego"
-# Who stands on a secondary arm and waits.
+# Vehicles that stand on a secondary arm and wait.
 WAITING_ID = "waiting_0"
 
 
@@ -78,7 +78,7 @@ def layout_elements(layout: SceneLayout, network: RoadNetwork) -> list[etree._El
 def _plan_poi(
     kind: str, plan: ConvoyPlan | WalkersPlan, held: dict[str, str], network: RoadNetwork
 ) -> etree._Element:
-    """Who is held and when it is let go, at the ego's line."""
+    """The held road users and their release, at the ego's line."""
     line = network.lane(plan.line_lane).line
     params = held | {"line_lane": plan.line_lane} | {name: repr(getattr(plan, name)) for name in _PLAN}
     return _poi(kind, *line.point_at(line.length), "cyan", params)

@@ -61,7 +61,7 @@ class _Sight:
         self.places: list[float] = []
 
     def actors(self, table: ActorTable) -> Actors:
-        """As arrays. Planners get these very arrays: nobody may write into the record of what happened."""
+        """As arrays. Planners get these very arrays: the record of what happened is read-only."""
         index, lane = np.array(self.rows, dtype=np.int32), np.array(self.lanes, dtype=np.int32)
         pose = np.array(self.poses, dtype=np.float64).reshape(-1, 3)
         speed, place = np.array(self.speeds, dtype=np.float64), np.array(self.places, dtype=np.float64)
@@ -85,7 +85,7 @@ def _in_memory(content: bytes) -> Iterator[str]:
 class _Library:
     """libsumo's state is process-wide: this is what outlives a `Simulation`.
 
-    holder: who loaded the scene that is there, None = nobody. placed: a move that no step has carried out.
+    holder: the owner of the loaded scene, or None. placed: a move that no step has carried out.
     """
 
     holder: Simulation | None = None
@@ -257,7 +257,7 @@ class Simulation:
     def hold_persons(self, persons: tuple[str, ...]) -> None:
         """Keep pedestrians standing where they are put in, whatever wait the scene gives them; they are seen from now.
 
-        Raises SimulationError for one who is not there.
+        Raises SimulationError for one that is not there.
         """
         there = libsumo.person.getIDList()
         for person in persons:

@@ -103,7 +103,7 @@ def answers_hash(name: str, folder: Path = _FOLDER) -> str:
 
 
 def episode_hash(name: str, spec: ScenarioSpec, sim: Simulation, loader: SceneLoader) -> str:
-    """SHA-256 (hex) of an episode: commands, where everybody was at each tick, and the record."""
+    """SHA-256 (hex) of an episode: commands, all places at each tick, and the record."""
     return _digest(EpisodeRunner(resolve(name), simulation=sim, loader=loader).run(spec))
 
 

@@ -56,7 +56,7 @@ _LOOK_M = 60.0
 _STEP_M = 2.0
 # The piece of the way that is its reference: a long one that bends back leaves no room beside it. Made anew so often.
 _BACK_M, _FORTH_M, _ANEW_M = 10.0, 90.0, 15.0
-# Samples of speed end so much above the ego's; there are that many levels of density, of which two are tried.
+# Samples of speed end this much above the ego's. The planner tries two of its three levels of density.
 _FASTER_MPS = 4.0
 _LEVELS = 3
 _STILL_MPS = 0.05
@@ -164,7 +164,7 @@ class Reactive:
         back = np.array([math.cos(ego.heading), math.sin(ego.heading)]) * _REAR_M
         steering = ego.steering
         if ego.speed < _STILL_MPS:
-            # Who stands can turn the wheels before it drives off; the planner takes them as they are.
+            # A standing vehicle can turn the wheels before it drives off; the planner takes them as they are.
             s = self._frame.convert_to_curvilinear_coords(*(np.array([ego.x, ego.y]) - back))[0]
             steering = math.atan(
                 EGO.wheelbase * float(np.interp(s, self._frame.ref_pos, self._frame.ref_curv))

@@ -121,7 +121,7 @@ class LiveScenario:
 def forecast(roads: RoadMap, lane: int, pose: tuple[float, float, float], step: float, steps: int) -> Array:
     """(steps, 3) poses every `step` metres: along the lane and the way on that bends least, or straight on.
 
-    Who drives against the lane or across it, or is on none, goes straight on.
+    A vehicle off the lanes, or driving against or across its lane, goes straight on.
     """
     x, y, heading = pose
     ways = step * np.arange(1, steps + 1)

@@ -238,7 +238,7 @@ class NuPlanMap:
         return self._blocks[name] if name in self._blocks else self._joints[name]
 
     def of_index(self, index: int) -> LaneGraphEdge | None:
-        """The lane of an index of the network's; None where there is none."""
+        """The lane with this index in the network, or None."""
         return self._lanes.get(index)
 
     def route_ids(self, edges: tuple[str, ...]) -> list[str]:

@@ -1,7 +1,7 @@
 """Drives a planner that speaks nuPlan's `AbstractPlanner` protocol: initialize, compute_planner_trajectory.
 
 The protocol goes by names alone (duck typing): nuplan-devkit is not needed, and a planner that uses it runs, too. Its
-trajectory is followed by the tracker that follows everybody's `Trajectory`. Units: m, s, rad.
+trajectory is followed by the tracker that follows every `Trajectory`. Units: m, s, rad.
 """
 
 from __future__ import annotations

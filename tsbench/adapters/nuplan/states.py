@@ -108,7 +108,7 @@ class StateVector2D:
 
 @dataclass(frozen=True)
 class OrientedBox:
-    """A footprint: its centre's pose, length and width. Heights are nobody's business here: always 1.5 m."""
+    """A footprint: its centre's pose, length and width. The height is always 1.5 m; nothing here uses it."""
 
     center: StateSE2
     length: float

@@ -35,7 +35,7 @@ class SampledTrajectory:
 
 
 class PdmPlanner:
-    """Speaks nuPlan's protocol and knows nothing else. It obeys nobody's right of way and reads no plate, as PDM."""
+    """Speaks nuPlan's protocol and knows nothing else. Like PDM, it ignores right of way and plates."""
 
     def name(self) -> str:
         return "pdm"

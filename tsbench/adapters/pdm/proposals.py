@@ -109,7 +109,7 @@ def _beside(gone: Array, offset: Array, d0: float, over: Array) -> Array:
 
 
 def _leader(s: Array, d: Array, o: Others, k: int, length: float, width: float) -> tuple[Array, Array]:
-    """Gap to, and speed along the line of, who is nearest before each proposal and in its way; (inf, 0): nobody."""
+    """Gap to, and speed along the line of, the nearest road user in the way of each proposal; (inf, 0): none."""
     if not len(o.along):
         return np.full(len(s), np.inf), np.zeros(len(s))
     ahead = o.s[:, k] - s[:, None]

@@ -51,7 +51,7 @@ def score(line: Centerline, p: Proposals, o: Others, length: float, width: float
 
 
 def _overlaps(p: Proposals, o: Others, look: int, length: float, width: float) -> Flags:
-    """(m, STEPS + 1, n): does the ego, moved on for `look` steps as it goes then, overlap one who is there then?"""
+    """(m, STEPS + 1, n): does the ego, moved on for `look` steps as it goes then, overlap another that is there?"""
     x, y, c, s = _moved(p, look)
     dx = o.x[:, look : look + STEPS + 1].T[None] - x[:, :, None]
     dy = o.y[:, look : look + STEPS + 1].T[None] - y[:, :, None]
@@ -73,7 +73,7 @@ def _moved(p: Proposals, look: int) -> tuple[Array, Array, Array, Array]:
 
 
 def _before(p: Proposals, o: Others, length: float) -> Flags:
-    """(m, STEPS + 1, n): is it before the ego's tail axle? Who comes from behind is at fault itself."""
+    """(m, STEPS + 1, n): is it before the ego's tail axle? A vehicle from behind is at fault itself."""
     x, y, c, s = _moved(p, 0)
     dx = o.x[:, : STEPS + 1].T[None] - x[:, :, None]
     dy = o.y[:, : STEPS + 1].T[None] - y[:, :, None]

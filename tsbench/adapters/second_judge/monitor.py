@@ -67,7 +67,7 @@ STOP = {"published": Reading("R_IN1"), "ours": Reading(_ANY_STOP, line_m=5.0, st
 
 
 class ExportedDrive:
-    """An exported episode. Raises InputError for a file that is none."""
+    """An exported episode. Raises InputError for any other file."""
 
     def __init__(self, path: Path) -> None:
         try:

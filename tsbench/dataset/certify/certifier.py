@@ -137,7 +137,7 @@ class Certifier:
         return "", drives[0]
 
     def _passed_by(self, a: _Proof, b: _Proof) -> str:
-        """Who passes both halves and reads no plate: the blind baseline, or who always obeys one half's; "" if none."""
+        """The driver that passes both halves without plates: the blind baseline, one half's obedient driver, or ""."""
         if a.blind.passed and b.blind.passed:
             return a.blind.result.planner
         always = (one.spec.half for one, other in ((a, b), (b, a)) if self._passes_obeying(one, other.spec))
@@ -260,7 +260,7 @@ def _time(result: EpisodeResult) -> float:
 
 
 def _digest(*results: EpisodeResult) -> str:
-    """SHA-256 over where everybody was at each tick, and what was made of it."""
+    """SHA-256 over all places at each tick, and the verdicts on them."""
     digest = hashlib.sha256()
     for result in results:
         digest.update(f"{result.planner}|{result.outcome}|{result.error}".encode())

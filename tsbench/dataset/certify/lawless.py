@@ -1,4 +1,4 @@
-"""The lawless driver: what obeys no sign and looks at nobody must be caught in nearly every scene.
+"""The lawless driver: it obeys no sign, ignores all others and must be caught in nearly every scene.
 
 It is what `--planner tsbench.dataset.certify.lawless:Lawless` drives. Source: docs/scenes.md, "Certificates".
 Units: m/s.

@@ -21,7 +21,7 @@ from tsbench.sim.world import WorldSnapshot
 _STOP = Control(-3.0, 0.0)
 # Positions and speeds of SUMO's own arithmetic, in m and m/s.
 _SAME = 1e-6
-# Points of a scene's file that nobody but the ego's judge and driver is told: plates, what is needless, the asked way.
+# Points of a scene's file for the ego's judge and driver alone: plates, what is needless, the asked way.
 _OF_THE_EGO = ("sign", CONTRAST, "start")
 
 
@@ -84,7 +84,7 @@ class Prejudiced:
 def alike_to_others(a: Scene, b: Scene) -> bool:
     """Do two scenes tell SUMO and those who release others the same?
 
-    They differ then in plates alone, which nobody else reads: under the same commands of an ego all others do the same.
+    They differ then in plates alone, which others do not read: under the same commands of an ego they all do the same.
     """
     return (
         a.net.content == b.net.content
@@ -107,7 +107,7 @@ def others_differ(one: WorldSnapshot, other: WorldSnapshot) -> bool:
 
 
 def line_point(scene: Scene) -> tuple[float, float]:
-    """Where the ego would have to stop, in the network's frame: before those who come, or at the plate."""
+    """Where the ego would have to stop, in the network's frame: before oncoming road users, or at the plate."""
     agents = scene.convoy or scene.walkers
     if agents is not None:
         line = scene.network.lane(agents.line_lane).line

@@ -94,7 +94,7 @@ def draw_sample(rows: Sequence[ScenarioSpec], size: int) -> list[ScenarioSpec]:
 
 
 def _problems(old: Certificate, new: Certificate) -> list[str]:
-    """What is wrong with a renewed certificate. An untempting row is none: shares of them are bounded per type."""
+    """What is wrong with a renewed certificate. Untempting rows are allowed: their share is bounded per type."""
     found = []
     if not new.solvable:
         found.append("no expert solves it" + (f" (before: {old.expert})" if old.expert else ""))

@@ -55,7 +55,7 @@ def _overlaps(actors: Actors) -> list[tuple[int, int]]:
 
 
 def arrival_gap(facts: EpisodeFacts) -> float:
-    """Seconds from the ego's arrival at the conflict zone to the lead's, had nobody hindered it; NaN without agents.
+    """Seconds from the ego's arrival at the conflict zone to the lead's, unhindered; NaN without agents.
 
     The lead's time from its release to the zone is known from when the scene was built. The lead is the first of a
     convoy, or of pedestrians.

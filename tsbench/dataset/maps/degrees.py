@@ -60,7 +60,7 @@ def places_of(ids: Ints, lon: Ints, lat: Ints) -> Places:
 
 
 def check_numbers(path: Path, lon: Ints, lat: Ints) -> None:
-    """Raises InputError where a place, (n,) in 1e-7 degrees, is none on Earth, or is one that was read wrong."""
+    """Raises InputError for a place, (n,) in 1e-7 degrees, that is not on Earth or was misread."""
     beyond = (lon != _UNDEFINED) & ((np.abs(lon) > 180 * _UNITS) | (np.abs(lat) > 90 * _UNITS))
     if beyond.any() or (lon == 0).any() or (lat == 0).any():
         check_places(path)

@@ -24,7 +24,7 @@ def by_preference(names: list[str]) -> list[str]:
 
 
 def find_extract(name: str, osm_dir: Path) -> Path:
-    """The extract called `name` in a folder, whatever its kind. Raises InputError where there is none, or two."""
+    """The extract called `name` in a folder, whatever its kind. Raises InputError for none or two."""
     found = extracts_in(osm_dir, name)
     if name in found:
         return found[name]

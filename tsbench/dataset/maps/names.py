@@ -33,7 +33,7 @@ _ROOT = re.compile(rb"<osm[\s>]")
 
 
 def ending_of(file: str) -> str:
-    """The ending that makes a file an extract, in small letters; "" where there is none."""
+    """The ending that makes a file an extract, in small letters, or ""."""
     return _longest(file, SUFFIXES)
 
 

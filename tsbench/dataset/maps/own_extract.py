@@ -1,4 +1,4 @@
-"""An extract that somebody has: what the description of a city says of it."""
+"""An extract of the user's: its entry in the description of a city."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tsbench.core.files import sha256_of
 from tsbench.dataset.maps.names import check_file, ending_of, extract_name, opened_xml
 from tsbench.dataset.maps.versions import contents_of, osm_file
 
-# Where the head of a file says of which moment it is: of PBF, and of what Overpass answers.
+# Where the head of a file gives its time: in PBF, and in answers of Overpass.
 _HEAD = ("osmosis_replication_timestamp", "timestamp")
 _META = re.compile(rb'<meta osm_base=["\'](\d{4}-\d\d-\d\d)')
 _LOOKED_AT = 1 << 16
@@ -43,7 +43,7 @@ def facts_of(
 
 
 def date_of(path: Path) -> str | None:
-    """The day (YYYY-MM-DD) of which an extract's roads are: by its head, else by its newest object, else None."""
+    """The day (YYYY-MM-DD) of an extract's roads: by its head, else by its newest object, else None."""
     with osmium.io.Reader(osm_file(path), osmium.osm.NOTHING) as reader:
         head = reader.header()
         told: str | None = next((day for key in _HEAD if (day := head.get(key)[: len(_EPOCH)])), None)

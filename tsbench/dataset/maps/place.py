@@ -29,7 +29,7 @@ def outline_of(place: str, geocoder: str = GEOCODER) -> Outline:
     except requests.RequestException as problem:
         raise InputError(f"{geocoder}: cannot be asked ({_line(problem)})") from None
     except (ValueError, TypeError, KeyError) as problem:
-        # No place of that name, one that is a point, or an answer that is none.
+        # No place of that name, a place that is a point, or an unusable answer.
         raise InputError(f"--place {place}: {geocoder} has no outline of it ({_line(problem)})") from None
     part: Polygon = max(getattr(found, "geoms", [found]), key=lambda one: one.area)
     outline, tolerance = part.exterior, _TOLERANCE

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-# Hardly any road has a higher limit; netconvert takes 142 km/h where there is none.
+# Hardly any road has a higher limit; without a limit netconvert takes 142 km/h.
 FASTEST_KMH = 150.0
 FASTEST_MPS = FASTEST_KMH / 3.6
 # Outside these a width is no lane's: netconvert halves the lane of a two-way road tagged lanes=1.

@@ -77,7 +77,7 @@ class Contents:
 
 
 def contents_of(path: Path) -> Contents:
-    """Look an extract through. Raises InputError: no whole OSM file, a file of changes, a place that is none."""
+    """Look an extract through. Raises InputError: no whole OSM file, a file of changes, an impossible place."""
     kinds, ids, versions, there = array("b"), array("q"), array("q"), array("b")
     x, y = array("i"), array("i")
     try:

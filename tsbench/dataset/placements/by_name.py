@@ -39,7 +39,7 @@ PLACEMENTS: Mapping[str, Callable[[Recipe], ScenePlacement]] = MappingProxyType(
 
 
 def placement_of(recipe: Recipe) -> ScenePlacement:
-    """The placement of a recipe. Raises InputError for a name that is none."""
+    """The placement of a recipe. Raises InputError for an unknown name."""
     make = PLACEMENTS.get(recipe.placement)
     if make is None:
         raise InputError(f"scenarios/recipes/{recipe.type.id}.yaml: placement: unknown {recipe.placement!r}")

@@ -98,7 +98,7 @@ class ClosedRoadPlacement(ScenePlacement):
         """The two plates exchanged: the ego's way is open."""
         plate, other = signed.signs
         approach, exit_ = signed.route_hint
-        # Who turns left waits for who comes towards it.
+        # Left turns wait for oncoming traffic.
         left = task.graph.turn(approach, exit_) == LEFT
         oncoming = tuple(e for e in through_arms(task.row, 0.0).prior_in if left and e != approach)
         passage = PassageParams(approach, exit_, oncoming)

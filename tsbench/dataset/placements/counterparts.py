@@ -119,7 +119,7 @@ def _sent(
 ) -> _Sent | None:
     """Other traffic as the plates on some posts send it in both halves; None where it could not go on.
 
-    An approach from which the two halves' plates permit no common way is used by nobody, nor is a road from which only
+    An approach from which the two halves' plates permit no common way is not used, nor is a road from which only
     ways onto the ego's are left: all its traffic would stand where the ego turns.
     """
     graph, catalog = task.graph, load_catalog()

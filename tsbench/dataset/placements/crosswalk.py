@@ -59,7 +59,7 @@ class _Walker:
 class CrosswalkPlacement(ScenePlacement):
     """`crosswalk`: a crossing in the middle of a corridor; people set off so that the first meets the ego there.
 
-    Behind the ego's destination is another one, which nobody crosses. At each the plates of both directions are alike:
+    Behind the ego's destination is another one without pedestrians. At each the plates of both directions are alike:
     5.19 at the first and a limit, which slows no vehicle, at the second; in the contrast half they are exchanged.
     """
 
@@ -111,7 +111,7 @@ class CrosswalkPlacement(ScenePlacement):
         bend = bend_speed(lane, onward, recipe.number("bend_look_m"), recipe.number("bend_lateral_mps2"))
         cruise = round(min(network.shown_limits[lane.index], lane.speed, bend), 2)
         require(cruise >= recipe.number("least_cruise_mps"), f"{cruise:.1f} m/s at the crossing")
-        # Who comes fast has something to lose: slow from the start would be slow for nobody.
+        # A fast start makes yielding cost time: an ego that is slow from the start does not slow for pedestrians.
         share = np.interp(
             variant.initial_speed,
             INITIAL_SPEEDS_MPS,

@@ -1,7 +1,7 @@
 """A corridor with two pedestrian crossings: how its network is made, and where their kerbs are. Units: m.
 
 A crossing leads over both directions of the road. A footpath comes up to it from either side, square to the road, so
-that lanes keep their numbers and whoever walks along one means to cross.
+that lanes keep their numbers and every pedestrian on a footpath means to cross.
 """
 
 from __future__ import annotations

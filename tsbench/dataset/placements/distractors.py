@@ -1,4 +1,4 @@
-"""Plates that bind others, or nobody, on the way: what stands there is no answer. Source: docs/contrast.md.
+"""Plates on the way that do not bind the ego: what stands there is no answer. Source: docs/contrast.md.
 
 Units: m.
 """
@@ -34,7 +34,7 @@ def distractors(
 ) -> tuple[SignInstance, ...]:
     """As many as the variant asks for and the map has places for, of codes that are not the scene's.
 
-    They face oncoming traffic, or stand on roads that lead to the ego's way from the side.
+    They face oncoming traffic, or stand on side roads that lead to the ego's way.
 
     halves: of the scene; in each a plate can stand where it stands, and no vehicle breaks it.
     """
@@ -61,7 +61,7 @@ def _fitting(
     task: SceneTask, arrangement: Arrangement, edges: Sequence[str], codes: Sequence[str],
     found: tuple[SignInstance, ...], halves: Sequence[PlacedPlates],
 ) -> SignInstance | None:  # fmt: skip
-    """A plate of the first of the codes, in a drawn order, that can stand on one of the edges; None: there is none."""
+    """A plate of the first of the codes, in a drawn order, that can stand on one of the edges, or None."""
     for code in shuffled(codes, task):
         for edge in shuffled(edges, task):
             line = task.network.edge_lanes(edge)[0].line

@@ -50,8 +50,8 @@ from tsbench.sim.scene import EgoStart
 class ManoeuvrePlacement(ScenePlacement):
     """One plate on the approach; navigation leads through a manoeuvre that it prohibits.
 
-    In the contrast half hangs a plate there that permits this manoeuvre and prohibits that of the other way. Who comes
-    on either way goes first, and others do nothing that either plate prohibits: from them nobody learns which it is.
+    In the contrast half the plate there permits this manoeuvre and prohibits that of the other way. Traffic on either
+    way goes first, and no vehicle does what either plate prohibits, so that traffic does not give the plate away.
     """
 
     def __init__(self, recipe: Recipe) -> None:
@@ -64,7 +64,7 @@ class ManoeuvrePlacement(ScenePlacement):
         ]
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
-        """The roads stay; who comes on either way goes first. Other traffic is routed as the plates say."""
+        """The roads stay; traffic on either way goes first. Other traffic is routed as the plates say."""
         ways = (row.fields["signed_edge"], *row.fields["compliant"])
         seconds = drive_time(plain, ways, recipe)
         require(seconds <= recipe.number("longest_drive_s"), f"the obedient way takes about {seconds:.0f} s")
@@ -149,7 +149,7 @@ class ManoeuvrePlacement(ScenePlacement):
         )
 
     def closed(self, graph: LaneGraph, way: Sequence[str]) -> frozenset[str]:
-        """Edges that nobody enters, wherever from, where `way` is prohibited."""
+        """Edges that no vehicle enters, wherever from, where `way` is prohibited."""
         del graph, way
         return frozenset()
 

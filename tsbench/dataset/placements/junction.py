@@ -55,7 +55,7 @@ from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.scene import EgoStart
 
-# By the catalogue's word for who has priority.
+# By the catalogue's word for the arms with priority.
 _ROLES: Mapping[str, Callable[[PoolRow, float], Arms]] = MappingProxyType(
     {"main_arms": through_arms, "main_arm_on_right": bending_arms}
 )
@@ -134,7 +134,7 @@ class GiveWayPlacement(ScenePlacement):
         )  # fmt: skip
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
-        """The other plates on the same posts; nobody who comes goes before the ego."""
+        """The other plates on the same posts; no vehicle goes before the ego."""
         arms, recipe = self._contrast_arms(task.row, task.recipe), task.recipe
         exit_edge, cars = signed.destination.edge, signed.convoy
         if cars is not None:
@@ -174,7 +174,7 @@ class GiveWayPlacement(ScenePlacement):
         before, plates = recipe.number("plate_before_line_m"), []
         for k, (edge, code) in enumerate(wanted):
             s = max(network.edge_lanes(edge)[0].line.length - before, _FIRST_PLATE_M)
-            # Without params a plate binds nobody that we watch.
+            # Without params a plate binds no watched vehicle.
             params, role = (None, DISTRACTOR) if k else (binding, TARGET)
             plates.append(plate_beside(network, code, edge, s, params, number=k, role=role))
         if self._faces == "main_arms":
@@ -190,7 +190,7 @@ def _nobody_comes(row: PoolRow, recipe: Recipe) -> bool:
 
 
 def _empty_plate(recipe: Recipe) -> str:
-    """The plate that the ego's and the opposite approach exchange where nobody comes."""
+    """The plate that the ego's and the opposite approach exchange without other traffic."""
     return str(recipe.choices["empty_plates"][0])
 
 

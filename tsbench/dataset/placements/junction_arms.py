@@ -1,6 +1,6 @@
 """Roles of a junction's arms: which are the main road, on which the ego comes, to which it gives way.
 
-Source: docs/scenes.md, "Priority at junctions"; docs/rules.md, "Give way" (who has priority).
+Source: docs/scenes.md, "Priority at junctions"; docs/rules.md, "Give way" (vehicles with priority).
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def bending_arms(row: PoolRow, approach_m: float) -> Arms:
     arms: list[Arm] = row.fields["arms"]
     pairs = []
     for ego in arms:
-        # Arms come counter-clockwise: who drives in on one has the next one to its right.
+        # Arms are in counter-clockwise order: the next arm is to the right of a vehicle that drives in.
         turn, right = min((_turn(ego, a), k) for k, a in enumerate(arms) if a is not ego)
         long_enough = ego["in_edge"] and float(ego["length_m"]) >= approach_m
         # Arms farther apart go straight on: a main road over them does not bend.
@@ -88,8 +88,8 @@ def bending_arms(row: PoolRow, approach_m: float) -> Arms:
 def exchanged_arms(row: PoolRow, arms: Arms) -> Arms:
     """The roles after an exchange of plates: the ego comes on the main road, and who went first gives way to it.
 
-    The main road leads on into the arm that lies straightest ahead of the ego, of those that gave way before; where
-    there is none, it ends here.
+    The main road leads on into the arm that lies straightest ahead of the ego, of those that gave way before, or ends
+    here.
     """
     every: list[Arm] = row.fields["arms"]
     ego = next(a for a in every if a["in_edge"] == arms.ego_in)
@@ -98,7 +98,7 @@ def exchanged_arms(row: PoolRow, arms: Arms) -> Arms:
     main = _edges([ego, *ahead])
     return Arms(
         ego_in=arms.ego_in,
-        # Who drives towards the ego has priority over its left turns, who comes from its right over all of them.
+        # Oncoming vehicles have priority over the ego's left turns, vehicles from the right over all its turns.
         prior_in=tuple(a["in_edge"] for a in ahead if a["in_edge"] and _turn(ego, a) < 180.0 + STRAIGHT_DEG),
         minor_in=tuple(a["in_edge"] for a in every if a["in_edge"] and a["in_edge"] not in main),
         main=main,

@@ -60,7 +60,7 @@ def turn_speed(network: RoadNetwork, c: Connection) -> float:
 
 
 def ego_speeds(task: SceneTask, c: Connection) -> tuple[float, float]:
-    """Speeds (m/s) of an ego on its way through, and on its approach, of which it knows the class of road."""
+    """Speeds (m/s) of an ego on its way through, and on its approach by the class of its road."""
     lane = task.network.lanes[c.from_lane]
     cruise = task.network.expected_speed(lane.edge)
     return task.recipe.number("ego_turn_ratio") * turn_speed(task.network, c), cruise

@@ -71,7 +71,7 @@ def drive_time(plain: PlainNet, ways: Sequence[str], recipe: Recipe) -> float:
 
 
 def sharpest_bend(edge: PlainEdge) -> float:
-    """Greatest change of heading within 6 m of a road: who turns on the spot meets who comes towards it."""
+    """Greatest change of heading within 6 m of a road: a vehicle that turns on the spot meets oncoming traffic."""
     line = Polyline(edge.shape)
     heading = np.unwrap([line.heading_at(s) for s in np.arange(0.5, line.length, 1.0)])
     return float(np.degrees(np.abs(heading[_BEND_STEPS:] - heading[:-_BEND_STEPS]).max(initial=0.0)))
@@ -83,7 +83,7 @@ def turn_between(edge: PlainEdge, following: PlainEdge) -> str:
 
 
 def main_road(plain: PlainNet, ways: Sequence[str], priority: int) -> PlainNet:
-    """The crop with priority for who comes on some edges, whatever way it goes on.
+    """The crop with priority for traffic from some edges, whatever its exit.
 
     What traffic at junctions without a plate of the scene costs is not what the scene is about.
     """
@@ -96,12 +96,12 @@ def main_road(plain: PlainNet, ways: Sequence[str], priority: int) -> PlainNet:
 
 
 def waits(graph: LaneGraph, edge: str, following: str, absent: AbstractSet[Turn] = frozenset()) -> bool:
-    """Does who goes from one edge to the next let those go first who need not wait themselves?
+    """Must a vehicle from one edge to the next give way to vehicles that need not wait themselves?
 
-    absent: turns that nobody makes.
+    absent: turns that no vehicle makes.
 
     Where a main road bends at crossroads, SUMO has its left turn yield to the left turn of a side road too ("m"):
-    that one yields to all others in its turn, and holds nobody up.
+    that one yields to all others in its turn, and holds no vehicle up.
     """
     lanes = graph.network.lanes
     first = {
@@ -114,7 +114,7 @@ def waits(graph: LaneGraph, edge: str, following: str, absent: AbstractSet[Turn]
 
 
 def check_way(graph: LaneGraph, way: Sequence[str], absent: AbstractSet[Turn]) -> None:
-    """Raise UnfitMapError where others go first on the finished way. absent: turns that nobody makes."""
+    """Raise UnfitMapError where others go first on the finished way. absent: turns that no vehicle makes."""
     for a, b in pairwise(way):
         require(not waits(graph, a, b, absent), f"others go first on the obedient way at the end of {a}")
 

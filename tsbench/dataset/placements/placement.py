@@ -71,8 +71,8 @@ class Arrangement:
 
     extra: further SUMO elements. avoid_turns: where other traffic is not sent.
     quiet_edges, blocked: edges, and stretches (lane id, from, to in m), where no car stands at first.
-    closed_edges: where nobody else drives at all; no length of theirs counts for the density. quiet_s: until then
-    nobody enters the scene.
+    closed_edges: without any other traffic; no length of theirs counts for the density. quiet_s: until then
+    no vehicle enters the scene.
     drivers: the background drivers where the scene needs others, () = the task's. platoons: edges where cars enter in
     platoons. walkers: the plan of pedestrians who stand in `extra`. contrast: in a contrast half, what is asked beside
     the target's rule.
@@ -174,7 +174,7 @@ def usual_limit(network: RoadNetwork, code: str, at: tuple[str, float], edges: S
 
 
 def exchanged(plate: SignInstance, other: SignInstance) -> tuple[SignInstance, SignInstance]:
-    """The plates of two posts, which change places: the target's, which posts no value, and one that binds nobody."""
+    """The plates of two posts, which change places: the target's, without a value, and one that binds no vehicle."""
     free = replace(plate, code=other.code, value=other.value, lane=other.lane, role=DISTRACTOR, params=None)
     return free, replace(other, code=plate.code, value=None, lane=plate.lane, role=TARGET)
 

@@ -1,4 +1,4 @@
-"""Posts beside the ways of a scene that bind nobody who is watched: where they can stand. Units: m."""
+"""Posts beside the ways of a scene that bind no watched vehicle: where they can stand. Units: m."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class RoundaboutPlacement(ScenePlacement):
         self._code = recipe.type.codes[0]
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
-        """The ring has priority, and nobody drives it faster than its bend allows."""
+        """The ring has priority, and no vehicle drives it faster than its bend allows."""
         ring = set(row.fields["ring"])
         radius = row.length_m / (2.0 * math.pi)
         bend = round(math.sqrt(recipe.number("ring_lateral_mps2") * radius), 2)

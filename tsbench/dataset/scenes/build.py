@@ -120,7 +120,7 @@ def _scenarios_of(data: dict[str, Any]) -> MapScenarios:
     return MapScenarios(data["map_id"], rows, certificates, data["reason"], tuple(data["rejected"]))
 
 
-# What makes scenes; it imports every placement, of which a type uses one. Certificates are what a build writes.
+# What makes scenes; it imports every placement, though a type uses one. A build writes certificates.
 _MAKER = "tsbench.dataset.scenes.map_scenarios"
 _LEFT_OUT = (
     "tsbench/dataset/placements/by_name.py",

@@ -1,4 +1,4 @@
-"""Who enters a scene, and when, so that the asked density stays: found by driving the scene once without the ego.
+"""Departures that keep the asked density of a scene: found by driving the scene once without the ego.
 
 While SUMO runs, a car is let in wherever there is room as soon as there are fewer cars than asked; what was let in is
 written down and becomes the scene's departures. What is missing from the mean of the first 30 s (the ego's and the
@@ -51,7 +51,7 @@ class DemandCalibration:
         entered = {c.to_lane for c in network.connections}
         lanes = driving_lanes(network, ask.closed_edges)
         self.entries = [i for i in lanes if i.index not in entered and i.line.length >= SHORTEST_LANE_M]
-        # Who has waited longest is next; the first order is drawn.
+        # The lane that has waited longest is next; the first order is drawn.
         order = rng.permutation(len(self.entries))
         self.last = {lane.id: -100.0 + float(order[k]) for k, lane in enumerate(self.entries)}
         self.jammed: set[Turn] = set()

@@ -67,7 +67,7 @@ class Prover(Protocol):
 class MapScenarios:
     """What building one map for one type gave: rows with certificates, or the reason why it is unfit.
 
-    certificates: one per row, () where nobody proved them. rejected: why draws of variants were not kept.
+    certificates: one per row, () without a prover. rejected: why draws of variants were not kept.
     """
 
     map_id: str

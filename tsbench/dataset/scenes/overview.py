@@ -27,7 +27,7 @@ class TypeStats:
     """Rows, pairs, maps and places of a type in one split; maps by stratum; share of maps from tagged extracts.
 
     The rest are shares of signed rows after their certificates, reproduced of all rows; gap_s the median of |arrival
-    gap| (NaN where there is none), seen the share of pairs whose halves look different before the ego's line.
+    gap| (NaN without one), seen the share of pairs whose halves look different before the ego's line.
     """
 
     type_id: str

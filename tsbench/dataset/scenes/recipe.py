@@ -69,7 +69,7 @@ class _File(_Arrangement):
 class Recipe(_Arrangement):
     """How scenes of one type are arranged.
 
-    placement: name of the placement (scenarios.families). maps: how many maps of which stratum, keys such as "T" or
+    placement: name of the placement (scenarios.families). maps: number of maps by stratum, keys such as "T" or
     "straight/2", for the train split and a quarter of it for test. numbers: lengths in m, speeds in m/s, times in s,
     as their names say. choices: lists to draw from. blind_baseline: the sign-blind driver that has to break the rule
     (docs/scenes.md, "Certificates"). violating_baseline: a driver that should break it in a draw, "" = none. It

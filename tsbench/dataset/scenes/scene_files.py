@@ -47,7 +47,7 @@ REHEARSALS = 6
 
 @dataclass(frozen=True)
 class OtherTraffic:
-    """Who else is in a scene: the background cars, how many there are per lane-km, and when the convoy sets off.
+    """The others in a scene: the background cars, their number per lane-km, and the convoy's start.
 
     Measured in the signed half; the contrast half has the same.
     """

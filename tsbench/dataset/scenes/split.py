@@ -1,8 +1,8 @@
 """The split of the whole pool by place, before any sign is assigned.
 
 Source: docs/scenes.md, "Split". A city is cut into square tiles (a common metric frame for all its extracts), as
-its `cities/<name>.yaml` says. Moscow: tiles of 2 km, a fifth of them test; one district is holdout, of which nothing is
-ever learned, and a few tiles of what would be train are dev. A map whose extent comes within 300 m of another split's
+its `cities/<name>.yaml` says. Moscow: tiles of 2 km, a fifth of them test; one district is holdout, never
+learned from, and a few tiles of what would be train are dev. A map whose extent comes within 300 m of another split's
 without being one of it belongs to none, so that no place, road or junction is in two, whatever extract it was cut from.
 """
 

@@ -1,6 +1,6 @@
-"""Background traffic of a scene: who drives where and when, as SUMO vehicles.
+"""Background traffic of a scene: SUMO vehicles, their routes and departures.
 
-Cars stand on every lane at the asked spacing when the episode begins; who enters later is found by a dry run in SUMO
+Cars stand on every lane at the asked spacing when the episode begins; later vehicles come from a dry run in SUMO
 (demand_calibration). Units: m, s, m/s.
 """
 

@@ -32,7 +32,7 @@ from tsbench.sim.sumo import Simulation
 
 
 class Takeover:
-    """The student's commands until `tick`, then the expert's, who has watched from the start."""
+    """The student's commands until `tick`, then those of the expert, which has watched from the start."""
 
     def __init__(self, student: Planner, expert: Planner) -> None:
         self._student, self._expert = student, expert
@@ -187,7 +187,7 @@ class TakeoverDrive:
         return self.spec.scenario_id, self.expert, str(self.tick), self.sha256
 
     def facts(self) -> dict[str, Any]:
-        """The row, who drives from where on."""
+        """The row, the expert and the tick of its takeover."""
         return {"spec": asdict(self.spec), "driver": self.expert, "tick": self.tick, "student": self.sha256}
 
     def run(self, drivers: Drivers) -> DriveResult | None:

@@ -7,7 +7,7 @@ Source: docs/finetuning.md; where it says little, this is how it was read:
   decision window where it is about the way. From `speed_s` on and not from now on: the least of now would never set
   off. Not all along the way: slowing 4 s before each corner is 10 s lost in an episode that leaves 13.
   Under an upper limit, `margin_kmh` below the posted one at most, from 4 s before the plate's line on.
-  4.6: posted + 3 km/h, unless somebody ahead is slower or close; then the driver's own.
+  4.6: posted + 3 km/h, unless a vehicle ahead is slower or close; then the driver's own.
 * Right of way, and where one comes up to a place to wait at it (obstacles, closed roads, reserved lanes): the driver's
   speed `speed_s` later once it speeds up, the least until then before: a start is a decision of its moment, and who is
   told of it ahead goes while the way is not yet clear. The least over 4 s would stop far before the line. Before a full
@@ -42,9 +42,9 @@ from tsbench.sim.world import DT_S
 _KMH = 1.0 / 3.6
 _LEAST_OVER_S = 4.0
 _ABOVE_MINIMUM_KMH = 3.0
-# Nearer ahead than this, in seconds, somebody is followed and not the minimum.
+# Nearer ahead than this, in seconds, the vehicle ahead is followed and not the minimum.
 _CLOSE_S = 1.5
-# Who speeds up by less goes on as before.
+# A driver that speeds up by less goes on as before.
 _SPEEDS_UP_MPS2 = 0.2
 # A stop for the line is within this of it, centre to line.
 _STOP_WITHIN_M = 8.0
@@ -162,7 +162,7 @@ class SignTargets:
         return np.concatenate((soon[:first], speeds[first:]))
 
     def _minimum(self, driven: float, o: Observation) -> float:
-        """4.6: a little above the posted speed, or the driver's own behind somebody."""
+        """4.6: a little above the posted speed, or the driver's own behind a vehicle."""
         if self._value is None:
             return driven
         target = (self._value + _ABOVE_MINIMUM_KMH) * _KMH

@@ -27,7 +27,7 @@ class DriveResult:
 
 
 class EpisodeDrive(Protocol):
-    """One episode, and who drives it; sent to the process that drives."""
+    """One episode and its driver; sent to the process that drives."""
 
     @property
     def spec(self) -> ScenarioSpec: ...

@@ -69,7 +69,7 @@ def drives_of(rows: Sequence[ScenarioSpec], recipe: ImitationRecipe) -> list[Pla
 
 
 def driven_in_turn(rows: Sequence[ScenarioSpec], drivers: Sequence[str]) -> list[PlannerDrive]:
-    """Drivers in turn over the pairs: who drives must not tell one half from the other."""
+    """Drivers in turn over the pairs: the driver must not tell one half from the other."""
     turn = {name: k for k, name in enumerate(dict.fromkeys(row.pair_name for row in rows))}
     return [PlannerDrive(row, drivers[turn[row.pair_name] % len(drivers)]) for row in rows]
 

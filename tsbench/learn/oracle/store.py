@@ -201,7 +201,7 @@ def open_journal(
 
 
 def check_folder(path: Path, new: Mapping[str, Any]) -> Manifest | None:
-    """The manifest of a collection that may be continued, None if there is none. Raises InputError for another thing.
+    """The manifest of a collection that may be continued, or None. Raises InputError for another thing.
 
     new: `contract` and `effective` of the collection that is wanted; experts may differ.
     """
@@ -217,7 +217,7 @@ def check_folder(path: Path, new: Mapping[str, Any]) -> Manifest | None:
 
 
 def read_collection(folder: Path, origin: str) -> Manifest:
-    """The manifest of a collection. Raises InputError, which says its origin (a command), where there is none."""
+    """The manifest of a collection. Raises InputError, which names its origin (a command), without one."""
     manifest = read_manifest(folder)
     if manifest is None or manifest["effective"].get("collection") != KIND:
         raise InputError(f"{folder / NAME}: no collection ({origin})")
@@ -225,7 +225,7 @@ def read_collection(folder: Path, origin: str) -> Manifest:
 
 
 def read_tries(path: Path) -> list[Row]:
-    """Rows of a table of tries: its file, or the folder of a collection. Raises InputError for one that is none."""
+    """Rows of a table of tries: its file, or the folder of a collection. Raises InputError for another table."""
     file, hint = (path / _TRIES, "tsbench oracle collect makes it") if path.is_dir() else (path, ORIGIN)
     rows: list[Row] = open_table(file, SCHEMA, hint).to_pylist()
     return rows

@@ -188,7 +188,7 @@ def write_trajectories(drives: Iterable[Recorded], path: Path) -> None:
 
 
 def stream_trajectories(path: Path) -> Iterator[Recorded]:
-    """The drives of a table, in its order, of which only a few hundred are objects at a time.
+    """The drives of a table, in its order; only a few hundred are objects at a time.
 
     Raises InputError for a missing, broken or foreign file.
     """

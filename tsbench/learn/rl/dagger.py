@@ -1,9 +1,9 @@
 """How a training begins: the policy imitates a teacher, and the critic learns what that earns.
 
-What this spares are the hours in which a fresh policy finds out that one stops behind a leader; PPO goes on from there.
-The teacher says in each state what it would do; who drives is the teacher at first and more and more the policy, whose
-own mistakes are then what it is taught on (DAgger, Ross et al., arXiv 1011.0686). What was seen is learned again and
-again, as far back as memory reaches. Noise is added to what is driven and not to what is learned.
+This spares the hours in which a fresh policy finds out to stop behind a leader; PPO goes on from there.
+The teacher labels each state with its own action. At first the teacher drives, then more and more the policy, so that
+the policy learns from its own mistakes (DAgger, Ross et al., arXiv 1011.0686). The states in memory are learned again
+and again. Noise is added to the driven actions and not to the learned ones.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ def save_progress(out: Path, model: PPO, progress: RlProgress, job: dict[str, An
 
 
 def load_progress(out: Path, model: PPO, job: dict[str, Any]) -> RlProgress | None:
-    """Put the state below `out` back into a fresh model; None where there is none. Errors as of `load_checkpoint`."""
+    """Restore the state below `out` into a fresh model; None without one. Errors as of `load_checkpoint`."""
     known = load_checkpoint(out, model.policy, model.policy.optimizer, job)
     if known is None:
         return None

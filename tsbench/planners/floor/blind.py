@@ -1,4 +1,4 @@
-"""`blind`: what a driver gets who reads no plate and knows how scenes are made. `coin`: the same, by chance.
+"""`blind`: a driver that reads no plate and knows how scenes are made. `coin`: the same, by chance.
 
 Source: docs/floor.md.
 """

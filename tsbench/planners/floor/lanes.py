@@ -60,7 +60,7 @@ class BesideUsers(OwnPath):
 def oncoming_path(context: PlannerContext, seen: Observation, post: float) -> RoutePath | None:
     """The route with its centre just across the middle of the road, from a post (arc length) to the destination.
 
-    None where nobody comes from the other side because there is none, or somebody does.
+    None without an oncoming side, or with a vehicle on it.
     """
     route, offset = seen.route, _to_oncoming(context, seen, post)
     if offset is None:

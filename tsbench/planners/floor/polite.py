@@ -16,7 +16,7 @@ from tsbench.roads.lane_graph import RoutePath
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import ActorKind
 
-# Shares of the limit, on the passage as a whole and at its slowest place: there people step out before who comes.
+# Shares of the limit, on the passage as a whole and at its slowest place: there pedestrians step out before the ego.
 _ON_THE_WHOLE, _SLOWEST = 0.53, 0.25
 _WATCH_M, _SLOW_M = 40.0, 12.0
 _DECIDE_M = 5.5
@@ -29,7 +29,7 @@ _KERB_M = 3.0
 
 
 class Polite(RuleConstraint):
-    """Makes a full stop before a junction, and waits there for who comes; before a crossing, slows for who steps out.
+    """Stops before a junction and waits there for other vehicles; slows before a crossing for pedestrians.
 
     approach: the edge at whose end the line is; "": the route's first crossing is meant, and people.
     """
@@ -79,7 +79,7 @@ class Polite(RuleConstraint):
         junction, found = self._map.edges[self._approach].target, False
         for k, index in enumerate(actors.lane.tolist()):
             speed = float(actors.speed[k])
-            # Who stands while the ego does would be waited for for ever.
+            # Waiting for a vehicle that stands as well would never end.
             both_stand = max(speed, observation.ego.speed) < _STANDS_MPS
             if index < 0 or both_stand or lanes[index].edge == self._approach:
                 continue

@@ -175,7 +175,7 @@ class Plant2Network(nn.Module):
         return torch.cat([*front, objects], dim=1), torch.cat([seen, kinds == at.EMPTY], dim=1)
 
     def forward(self, tokens: Mapping[str, Tensor], forecast: bool = True) -> NetworkPlan:
-        """The plan for a batch of `layout.TOKENS` as tensors, of which the last slots of objects may be left out."""
+        """The plan for a batch of `layout.TOKENS` as tensors; the last slots of objects may be left out."""
         x = self.encode(*self.embed(tokens))
         plan = self.plan(x)
         return replace(plan, forecast=self.forecast(x, tokens["objects"].shape[1])) if forecast else plan

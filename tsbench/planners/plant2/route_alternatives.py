@@ -59,10 +59,10 @@ class RouteAlternatives:
             way.s = way.line.project(ego.x, ego.y, way.s - _WINDOW_M, way.s + _WINDOW_M)[0]
 
     def intent(self, x: float, y: float, ahead: float) -> tuple[str, ...]:
-        """Edges of the way that somebody means who plans to be at a point (world, m) `ahead` metres from here.
+        """Edges of the way that a plan follows: it leads to a point (world, m) `ahead` metres from here.
 
-        () for the navigation's, and where that is none of the ways. Who meant a way goes on with it where ways run
-        together.
+        () for the navigation's way, and where that is not among the ways. Where ways run together, the plan keeps its
+        earlier way.
         """
         if self._intended is None:
             return ()

@@ -41,8 +41,8 @@ class SignMemory:
     """The plates that hold: on the way, and on another arm of the junction ahead.
 
     On the way it is the nearest one that faces the ego; one that ends a zone holds from where it is passed. On another
-    arm it is the nearest of those that say who goes first. Once out of sight the last one holds, and is left behind by
-    what the ego drives.
+    arm it is the nearest plate on right of way. Once out of sight the last one holds, and is left behind by what the
+    ego drives.
     """
 
     def __init__(self, network: RoadMap, vocabulary: Vocabulary) -> None:
@@ -133,7 +133,7 @@ def _to_line(o: Observation) -> float:
 
 
 def faces(sign: SignView, heading: float) -> bool:
-    """Is the plate turned towards one who drives at this heading?"""
+    """Is the plate turned towards a vehicle with this heading?"""
     return math.cos(sign.heading - heading) > math.cos(_FACING_RAD)
 
 

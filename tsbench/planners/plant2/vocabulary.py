@@ -19,7 +19,7 @@ READER = "plant2-ft"
 _KEY = "vocabulary"
 # What a masked plate says (`SignView.masked`).
 _POST = ""
-# Rules whose plates on other arms of a junction say who goes first there.
+# Rules whose plates on other arms of a junction set the right of way there.
 _RIGHT_OF_WAY = ("give_way", "stop")
 
 

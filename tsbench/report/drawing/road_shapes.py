@@ -186,7 +186,7 @@ def _line_by_rights(network: RoadNetwork, lane: Lane) -> str:
     links = [c for c in network.outgoing[lane.index] if c.direction not in _BACK]
     states = {c.state for c in links}
     if "M" in states or (states <= _GIVE_WAY_STATES and not any(c.yields_to for c in links)):
-        # A main road: only its left turns give way, and nobody paints a line for them; nor before a zebra.
+        # A main road: only its left turns give way, without a painted line; nor before a zebra.
         return _NO_LINE
     if states & _SOLID_STATES:
         return _STOP

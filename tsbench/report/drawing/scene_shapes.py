@@ -43,7 +43,7 @@ from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID, read_additional
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, ActorTable, Indicator, WorldSnapshot
 
-# Who slows down by more has a foot on the brake.
+# A vehicle that slows down by more is braking.
 _BRAKES_MPS2 = 0.8
 _SIDES = MappingProxyType({Indicator.NONE: 0, Indicator.LEFT: 1, Indicator.RIGHT: -1})
 
@@ -59,7 +59,7 @@ def indicators(traffic_view: TrafficView, snapshot: WorldSnapshot) -> list[int]:
 
 
 def braking(snapshot: WorldSnapshot, before: WorldSnapshot | None) -> list[bool]:
-    """(n,) of others in their order. before: the tick before; without it nobody is seen to brake."""
+    """(n,) of others in their order. before: the tick before; without it no vehicle is seen to brake."""
     actors = snapshot.actors
     then: dict[int, float] = (
         {}

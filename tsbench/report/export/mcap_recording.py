@@ -1,6 +1,6 @@
 """An episode as an MCAP recording with Foxglove's schemas, for Foxglove, Lichtblick and whatever reads MCAP.
 
-Channels: /scene (all that a picture of the scene shows; once), /actors (everybody, each tick), /tf (map to ego), /ego
+Channels: /scene (all that a picture of the scene shows; once), /actors (all, each tick), /tf (map to ego), /ego
 (JSON: what the ego does), /violations (log lines). Time begins at 0. Units: m, s, rad, in the network's frame.
 """
 
@@ -231,7 +231,7 @@ def _scene(scene: Scene) -> list[SceneEntity]:
 
 
 def _actors(snapshot: WorldSnapshot, before: set[str]) -> tuple[SceneUpdate, set[str]]:
-    """The road users of a tick, the removal of those who are no longer there, and who is there."""
+    """The road users of a tick, the removal of those that have left, and those that are there."""
     now, bodies = _time(snapshot.time), tick_shapes(snapshot)
     present = {body.name for body in bodies}
     deletions = [

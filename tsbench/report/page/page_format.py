@@ -62,7 +62,7 @@ def render_page(
 ) -> str:
     """A whole page. data, blobs: see the package; scripts: files of `static/` beside the base ones.
 
-    served: the page may ask the server that it came from, and nobody else; otherwise it may ask nobody at all.
+    served: the page may ask the server that it came from alone; otherwise it may ask no server.
     """
     script = "\n".join(static_text(name) for name in (*BASE_SCRIPTS, *scripts))
     encoded = {name: b64encode(content).decode() for name, content in (blobs or {}).items()}

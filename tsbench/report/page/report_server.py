@@ -41,7 +41,7 @@ class NotThere(Exception):
 
 @dataclass
 class OpenedRun:
-    """A run that somebody has looked at; its page is made when it is asked for.
+    """A run with its page, which is made on request.
 
     mark: of its manifest and journal. A run that goes on is read again for its next page; the data that a page asks for
     are of what it shows.
@@ -172,7 +172,7 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Who asked has gone away, wherever we were: nobody is left to be told."""
+        """The client has gone away: no answer is needed."""
         if not isinstance(sys.exception(), ConnectionError | TimeoutError):
             super().handle_error(request, client_address)
 
@@ -194,7 +194,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._deadline.cancel()
 
     def _hear_no_more(self) -> None:
-        # Who asked may have gone away already.
+        # The client may have gone away already.
         with suppress(OSError):
             self.connection.shutdown(socket.SHUT_RD)
 

@@ -1,1 +1,1 @@
-"""Who drives the episodes: worker processes here or on a cluster."""
+"""Worker processes that drive the episodes, here or on a cluster."""

@@ -1,4 +1,4 @@
-"""Who runs episodes: what a session asks of the worker processes of this machine, or of those of a cluster."""
+"""Runs episodes: what a session asks of the worker processes of this machine, or of those of a cluster."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ class Limits:
     """How long a worker may show no sign of life, s of its processor time, and how large it may become, MB.
 
     call: in one call of the planner; first_call: making it, `reset` and the first `act` of an episode;
-    phase: loading, simulating, scoring; start: being asked what a planner is. patience: how many times as long each
-    may take by the clock on the wall, for who sleeps uses no processor. most_memory: resident size of a worker and
+    phase: loading, simulating, scoring; start: being asked what a planner is. patience: wall-clock limit as a
+    multiple of these, because a sleeping planner uses no processor. most_memory: resident size of a worker and
     all that it has started, over which it is ended at once. memory: its own size over which it is replaced between
     two episodes, though not before its `least_episodes`-th, so that a planner that needs as much is not loaded again
     for each.
@@ -53,7 +53,7 @@ class Executor(Protocol):
     ) -> None:
         """Run all tasks; `keep` gets each record as it comes, once its trace lies in the run folder.
 
-        Ends early once `stop` says so. Raises InputError: the run folder takes nothing more, or nobody works.
+        Ends early once `stop` says so. Raises InputError: the run folder takes nothing more, or no worker is left.
         """
 
     def memory(self) -> list[MemoryUse]:

@@ -61,7 +61,7 @@ def shared_with_children() -> frozenset[str]:
             target = file.readlink()
             flags = re.search(r"flags:\s+(\d+)", (own / "fdinfo" / file.name).read_text())
             only_read = flags is not None and not int(flags[1], 8) & (os.O_WRONLY | os.O_RDWR)
-            # Of one without a name nobody sees that it was opened anew to be written.
+            # Nothing shows whether a file without a name was opened anew to be written.
             only_read = only_read and os.fstat(int(file.name)).st_nlink > 0
             if target != _NOTHING and not (only_read and target.is_absolute()):
                 found.add(f"open file {target} as {file.name}")
@@ -87,7 +87,7 @@ def run_in_child(play: Callable[[], object]) -> int | None:
     gc.collect()
     gc.freeze()
     parent = os.getpid()
-    # What the child has started may hold the other end open: nobody waits for that.
+    # What the child has started may hold the other end open: do not wait for that.
     returned, to_parent = os.pipe()
     os.set_blocking(returned, False)
     child = os.fork()

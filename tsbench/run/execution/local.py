@@ -43,7 +43,7 @@ class Pool:
         self._setup: Setup | None = None
         self._failed_starts = 0
         self._looked = 0.0
-        # Planners an episode of which left something outside its process, and did not end.
+        # Planners with an episode that left something outside its process, and did not end.
         self._leavers: set[str] = set()
 
     def __enter__(self) -> Pool:
@@ -134,7 +134,7 @@ class Pool:
         return self._setup.planners[task.planner]
 
     def _index_of(self, spec: str) -> int | None:
-        """Number of a planner, None where there is none yet."""
+        """Number of a planner; None without a spec."""
         assert self._setup is not None
         return [p.spec for p in self._setup.planners].index(spec) if spec else None
 
@@ -245,7 +245,7 @@ class Pool:
         self._failed_starts = 0 if begun else self._failed_starts + 1
         if begun:
             task = worker.held.popleft()
-            # Who took too long beside others may be in time alone.
+            # A planner that took too long beside others may be in time alone.
             late = overrun is not None and overrun.late
             outside = overrun is None and not worker.broken and status in _FROM_OUTSIDE
             if not ((late or outside) and tasks.retry(task, alone=late)):

@@ -72,7 +72,7 @@ class Ready:
 
 @dataclass(frozen=True)
 class Probed:
-    """What a planner is, or in one line why there is none."""
+    """The facts of a planner, or in one line the reason why it has none."""
 
     planner: PlannerInfo | None
     problem: str = ""
@@ -111,7 +111,7 @@ def encode(message: Any) -> bytes:
 
 
 def decode(line: bytes | str, kinds: tuple[type[M], ...]) -> M:
-    """The message of a line, one of these kinds. Raises ValueError or RecursionError for what nobody of ours says."""
+    """The message of a line, one of these kinds. Raises ValueError or RecursionError for foreign ones."""
     told = json.loads(line)
     if not isinstance(told, list) or len(told) != 2:
         raise ValueError("no message of a worker")

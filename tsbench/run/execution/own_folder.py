@@ -15,7 +15,7 @@ ACTOR, SANDBOX, FILES = _PREFIXES
 
 
 class OwnFolder:
-    """path: the folder. Locked as long as this process lives: what is not locked belongs to nobody."""
+    """path: the folder. Locked as long as this process lives: an unlocked folder has no owner."""
 
     def __init__(self, prefix: str) -> None:
         """prefix: ACTOR, SANDBOX or FILES. Raises OSError where the folder for temporary files takes nothing."""

@@ -185,7 +185,7 @@ class RayExecutor:
                 found = self._next(slot, handle, tasks)
                 if not found:
                     return
-                # Who may have taken an actor along is on his own.
+                # A task that may have taken an actor along runs alone.
                 alone = [[task] for task in found if task.number in self._suspects]
                 together = [task for task in found if task.number not in self._suspects]
                 for group in [*alone, together] if together else alone:
@@ -264,7 +264,7 @@ class RayExecutor:
 
 
 def _check_reachable(address: str) -> None:
-    """Is somebody there? Ray itself would ask for minutes. Raises OSError or ValueError."""
+    """Is the cluster there? Ray itself would ask for minutes. Raises OSError or ValueError."""
     if address != "auto":
         host, _, port = address.rpartition("/")[2].rpartition(":")
         socket.create_connection((host, int(port)), timeout=_REACH_TIMEOUT_S).close()

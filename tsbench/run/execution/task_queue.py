@@ -26,7 +26,7 @@ class Task:
 
 
 class TaskQueue:
-    """Tasks in chunks of one planner and network, planner by planner; who has no chunk takes from the longest.
+    """Tasks in chunks of one planner and network, planner by planner; an idle worker takes from the longest.
 
     Chunks, and tasks in them, are in the order of a hash of their names: nothing follows from what came before.
     """
@@ -75,7 +75,7 @@ class TaskQueue:
         return True
 
     def requeue_alone(self) -> bool:
-        """No task is left and none runs: bring back one that is to run alone; False if there is none."""
+        """No task is left and none runs: bring back one that is to run alone. False without one."""
         if not self._alone:
             return False
         self.requeue(self._alone.popleft())

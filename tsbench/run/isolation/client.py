@@ -47,7 +47,7 @@ class Client:
         self._heard = os.fdopen(line.fileno(), "rb", _ROOM_BYTES, closefd=False)
 
     def serve(self) -> None:
-        """Until the line is closed, or an episode has left something: its sandbox is none for the next."""
+        """Until the line is closed, or an episode has left something: the next needs a new sandbox."""
         while (message := self._message()) is not None:
             if self._leavings is not None and isinstance(message, protocol.ContextMessage):
                 if not self._episode_in_child(message, self._leavings):

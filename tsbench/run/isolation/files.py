@@ -38,8 +38,8 @@ class PlannerFiles:
 
     binds: (copy, place) of each file or folder: what is shown in the sandbox at `place` lies at `copy`. What is
     installed is copied, too: beside its files lie caches and hidden ones, which have no hash.
-    lines: of each of these files SHA-256 (hex), mode and name, sorted by name; () for tsbench's own planners, of which
-    nothing is copied.
+    lines: of each of these files SHA-256 (hex), mode and name, sorted by name; () for tsbench's own planners,
+    which are not copied.
     """
 
     def __init__(self, spec: str, hidden: Sequence[Path] = (), only: Collection[str] | None = None) -> None:
@@ -81,7 +81,7 @@ class PlannerFiles:
         self.lines = tuple(f"{found[name]}  {name}" for name in sorted(found))
 
     def _hide_cache(self, path: Path) -> None:
-        """Python would run a module's cache, which has no hash; an empty one is none."""
+        """Hide a module's cache behind an empty file: Python would run it, and it has no hash."""
         cache = Path(cache_from_source(str(path)))
         if path.suffix == ".py" and is_installed(path) and cache.is_file():
             empty = self._new_place(cache.name)

@@ -193,7 +193,7 @@ def run_arguments(
 
 
 def remove_abandoned(engine: str) -> None:
-    """Remove containers whose worker was killed: the folder that they were started with is gone, or nobody's."""
+    """Remove containers whose worker was killed: the folder that they were started with is gone."""
     _, told, _ = asked(
         engine,
         "ps",

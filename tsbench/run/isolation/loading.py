@@ -67,7 +67,7 @@ def files_place(spec: str) -> Path | None:
 
 
 def _file(spec: str) -> Path | None:
-    """The file that a Python planner is written in, None where there is none."""
+    """The file that a Python planner is written in, or None."""
     source = source_of(spec)
     file = Path(source) if source.endswith(".py") else module_file(source)
     return file if file is not None and file.is_file() else None
@@ -103,7 +103,7 @@ def code_hash(spec: str) -> str | None:
 
 
 def weights_hash(spec: str, file: str | None) -> str | None:
-    """SHA-256 (hex) of the file of a registered planner's weights; None where there is none.
+    """SHA-256 (hex) of the file of a registered planner's weights, or None.
 
     file: its name, by the planner's word, for one of another package: it is looked for in that package. The weights of
     what is named by its file or module count with its code, and those of a program are in it.
@@ -129,7 +129,7 @@ def load(
 ) -> LoadedPlanner:
     """A planner for a worker of a run, whose own code runs in sandboxes only.
 
-    alone: each episode has a new one. show: as for `PlannerProcess`, for who is no worker.
+    alone: each episode has a new one. show: as for `PlannerProcess`, outside of workers.
     """
     places = [Path(place) for place in hidden]
 

@@ -27,7 +27,7 @@ _LAST_S = 5.0
 # Between two episodes: long before its processor time is used up.
 _MOST_EPISODES = 500
 _TEXT_BYTES = 500
-# Wall-clock limits. A worker of a run is ended long before (`execution.executor.Limits`); nobody watches the others.
+# Wall-clock limits. A worker of a run is ended long before (`execution.executor.Limits`); others have no watcher.
 _START_S, _ANSWER_S = 600.0, 300.0
 
 

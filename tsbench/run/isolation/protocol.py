@@ -58,7 +58,7 @@ class MapMessage(Message):
 
 
 class NetworkMessage(Message):
-    """In its place for privileged planners: SUMO's network, of which the map can be made."""
+    """In its place for privileged planners: SUMO's network, the source of the map."""
 
     lanes: tuple[Lane, ...]
     edges: tuple[Edge, ...]

@@ -44,7 +44,7 @@ _APART: Final = ("--unshare-ipc", "--unshare-pid", "--unshare-net", "--unshare-u
 _BY_ROOT: Final = ("--cap-add", "CAP_SETUID", "--cap-add", "CAP_SETGID", "--cap-add", "CAP_SETPCAP")
 _NOBODY: Final = "65534"
 _BY_USER: Final = ("--unshare-user", "--uid", _NOBODY, "--gid", _NOBODY)
-# Ids of nobody, where root starts a run: one for each sandbox, so that the limit of processes counts its own only.
+# Unprivileged ids for a run that root starts: one per sandbox, so that the limit of processes counts its own only.
 _FIRST_UID: Final = 0x40000000
 _UIDS_OF_A_PROCESS: Final = 256
 # Joins the control groups whose files come first, up to "--". The line to the referee arrives as standard input, and is
@@ -79,14 +79,14 @@ class Sandbox:
 
         output: a descriptor for what it prints; None: this process's.
 
-        Raises InputError for a program that is none, and where no sandbox can be made.
+        Raises InputError for a file that cannot be executed, and where no sandbox can be made.
         """
         command = command_of(spec, sys.executable)
         maker = _maker()
         arguments = sandbox_arguments(maker, binds_of(files.binds), [str(place) for place in covered(hidden)])
         rules = _readable(call_filter())
         self.line, far_end = socket.socketpair()
-        # After all that can fail: nobody would remove it.
+        # After all that can fail: otherwise it would stay.
         try:
             self._group: ControlGroup | None = ControlGroup(MEMORY_BYTES, LIMITS["NPROC"])
         except OSError:
@@ -163,9 +163,9 @@ def _source_of(place: str, binds: Sequence[tuple[str, str]]) -> Path:
 
 
 def _confined(maker: _Maker) -> list[str]:
-    """What comes before the program: it becomes nobody where root makes the sandbox, and gets its limits there.
+    """The command before the program: it drops root where root makes the sandbox, and sets the limits there.
 
-    There, because processes are counted for each namespace of users, or each id of nobody, and never for root.
+    There, because processes are counted for each namespace of users, or each unprivileged id, and never for root.
     """
     limits = {"CORE": 0, **LIMITS}
     found = [maker.prlimit]
@@ -181,7 +181,7 @@ def _confined(maker: _Maker) -> list[str]:
 
 
 def _as_new(file: int) -> int:
-    """A descriptor of its own for what a file leads to. Of a pipe it puts back what whoever has it may have changed.
+    """A new descriptor for the target of a file. For a pipe it restores mode, times and size, which may have changed.
 
     Opened anew, so that flags, signals and locks of an earlier one are not its.
     """

@@ -66,7 +66,7 @@ def arithmetic() -> dict[str, str]:
 
 
 def command_of(spec: str, python: str) -> list[str]:
-    """What is to run in a sandbox. python: its name there. Raises InputError for a program that is none."""
+    """What is to run in a sandbox. python: its name there. Raises InputError for a file that cannot be executed."""
     if spec.startswith(EXECUTABLE):
         path = Path(spec.removeprefix(EXECUTABLE)).resolve()
         if not (path.is_file() and os.access(path, os.X_OK)):
@@ -76,7 +76,7 @@ def command_of(spec: str, python: str) -> list[str]:
 
 
 def _absolute(spec: str) -> str:
-    """The same for who stands in another folder."""
+    """The same spec for a process in another folder."""
     source, _, attribute = spec.rpartition(":")
     return f"{Path(source).resolve()}:{attribute}" if source.endswith(".py") else spec
 
@@ -125,7 +125,7 @@ def shown_to_all() -> list[Path]:
 
 
 def is_public(place: Path) -> bool:
-    """May everybody read a file, or look into a folder?"""
+    """May every user read a file, or look into a folder?"""
     wanted = 0o5 if place.is_dir() else 0o4
     return place.exists() and place.stat().st_mode & wanted == wanted
 
@@ -141,7 +141,7 @@ def is_of_tsbench(place: Path) -> bool:
 
 
 def covered(hidden: Sequence[Path]) -> list[Path]:
-    """What nobody finds in a sandbox, wherever it lies: the data that tell of scenes, and `hidden`."""
+    """What no sandbox shows, wherever it lies: the data that tell of scenes, and `hidden`."""
     data = {place / name for place in roots() if place != _PACKAGE for name in _DATA}
     return sorted(data | {path.resolve() for path in hidden})
 

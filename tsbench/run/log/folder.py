@@ -253,7 +253,7 @@ def write_error(run: Path, record: Record, head: str = "") -> None:
 
 
 def _foreign(folder: Path) -> list[Path]:
-    """What is not ours by its name, and all traces and errors, of which the caller knows more; sorted."""
+    """Files with foreign names, and all traces and errors, for the caller to judge; sorted."""
     found = [
         path
         for path in sorted(folder.iterdir())

@@ -44,8 +44,8 @@ class Journal:
     ) -> None:  # fmt: skip
         """Open for appending; lines that cannot be trusted are set aside, and their episodes are not `done`.
 
-        keys: the episodes of this run. run: its identity. sound: is all there that an episode's line speaks of?
-        unsound: what one is whose is not. whole: has a line all that it must have? None = what the tables want.
+        keys: the episodes of this run. run: its identity. sound: does all exist that an episode's line names?
+        unsound: the reason to report if not. whole: is a line complete? None = for the tables.
         """
         self.path = path
         self.done: dict[Key, int] = {}
@@ -153,7 +153,7 @@ class Journal:
 
 
 def lines_so_far(path: Path) -> list[Content]:
-    """The episodes in a journal that another process may be writing to; [] where there is none. Nothing is locked.
+    """The episodes in a journal that another process may be writing to; [] without a file. Nothing is locked.
 
     Raises InputError where it cannot be read. A line that is torn is left out.
     """

@@ -211,7 +211,7 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
 
 
 def read_manifest(folder: Path, name: str = NAME) -> Manifest | None:
-    """The manifest of a run folder, None if there is none. Raises InputError for one that is not ours."""
+    """The manifest of a run folder, or None. Raises InputError for one that is not ours."""
     path = folder / name
     if not (path.exists() or path.is_symlink()):
         return None

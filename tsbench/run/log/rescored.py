@@ -22,7 +22,7 @@ _JUDGED = ("episodes.parquet", "violations.parquet")
 
 @dataclass(frozen=True)
 class Rescored:
-    """judged: SHA-256 (hex) of the tables. contract, edition, tsbench: of who judged. traces: judged again.
+    """judged: SHA-256 (hex) of the tables. contract, edition, tsbench: of the judge. traces: judged again.
 
     untraced: episodes without a readable trace. disagreements: values that came out differently.
     """

@@ -1,1 +1,1 @@
-"""The four families: each module finds its maps in a source and says of which pieces a crop is made."""
+"""The four families: each module finds its maps in a source and names the pieces of a crop."""

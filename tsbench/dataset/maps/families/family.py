@@ -1,4 +1,4 @@
-"""The four families by name: how each finds its maps, and of which pieces a map's crop is made."""
+"""The four families by name: how each finds its maps, and the pieces of a map's crop."""
 
 from __future__ import annotations
 

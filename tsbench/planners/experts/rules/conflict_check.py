@@ -57,14 +57,14 @@ class ObservedVehicle:
 
 @dataclass(frozen=True, slots=True)
 class GapRequirement:
-    """What is asked before the ego goes in front of somebody.
+    """What is asked before the ego goes in front of another vehicle.
 
     gap: a vehicle that would reach its zone within so many seconds of the ego's entry there is in the way, its speed
     counted as `least` at least; 0: no rule says so. post_clear: for so long the ego has left a zone before the next
-    one is there. On top of these: gap_s, clear_s. behind_s: after one who has just cleared the zone. foe_accel: with
-    which others may gather speed; `trust` on top of what is seen, if they are not `slow` (m/s). patience_s: after
-    which one who stands all the while is taken to go on standing. share: how much of its way through the zone the
-    ego has done when one comes who is still before its line; all of it where the other is in the junction.
+    one is there. On top of these: gap_s, clear_s. behind_s: after a vehicle that has just cleared the zone. foe_accel:
+    assumed acceleration of others; `trust` on top of what is seen, if they are not `slow` (m/s). patience_s: a vehicle
+    that has stood for so long is taken to go on standing. share: how much of its way through the zone the ego has
+    done when a vehicle comes that is still before its line; all of it where the other is in the junction.
     """
 
     gap: float
@@ -114,7 +114,7 @@ class GapRequirement:
         return self._soonest(seen) < through + self.post_clear + self.clear_s
 
     def _gathers(self, seen: ObservedVehicle) -> float:
-        """With which acceleration it is reckoned: one who drives steadily is trusted to go on so, nearly."""
+        """Its assumed acceleration: a vehicle that drives steadily is trusted to go on so, nearly."""
         if seen.vehicle.speed < self.slow:
             return self.foe_accel
         return min(max(seen.accel, 0.0) + self.trust, self.foe_accel)
@@ -126,7 +126,7 @@ class GapRequirement:
     def _soonest(self, seen: ObservedVehicle) -> float:
         """Least seconds until it reaches its zone: it gathers speed, but slows down for its turn."""
         vehicle, limit, accel = seen.vehicle, self._limit(seen), self._gathers(seen)
-        # Who gives way to others, and brakes, comes to its own line at a walk.
+        # A vehicle that gives way to others, and brakes, comes to its own line at a walk.
         waits = seen.path.connection.state in "ms" and (
             seen.accel < _BRAKES_MPS2 or vehicle.speed < self.slow
         )

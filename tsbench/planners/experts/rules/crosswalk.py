@@ -1,4 +1,4 @@
-"""Letting people cross first (5.19): stops before the crossing until nobody can be on it while the ego is.
+"""Letting people cross first (5.19): stops before the crossing until no pedestrian can be on it with the ego.
 
 Units: m, s, m/s. u runs along the crossing's middle line from one kerb (0) to the other, w across it.
 """
@@ -21,7 +21,7 @@ from tsbench.sim.world import EGO_WIDTH_M, ActorKind, Agents
 
 _STOP_BEFORE_M = 1.0
 _BRAKE_MPS2 = 2.2
-# Who stands at the kerb may set off: braking hard for that is kept in hand.
+# A pedestrian at the kerb may set off: braking hard for that is kept in hand.
 _HARD_MPS2 = 3.5
 _SETS_OFF_MPS = 1.5
 _STANDS_MPS = 0.1
@@ -64,7 +64,7 @@ class CrosswalkConstraint(RuleConstraint):
         self._waits_for_standing = True
 
     def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
-        """What stops before the crossing while somebody is on it or comes; what leaves it briskly."""
+        """What stops before the crossing while a pedestrian is on it or comes; what leaves it briskly."""
         if route.path is not self._path:
             self._path, self._here = route.path, self._crossed(route.path)
             self._samples = PathSamples(route.path)
@@ -117,7 +117,7 @@ class CrosswalkConstraint(RuleConstraint):
     def _taken(self, actors: Agents, u_ego: float) -> list[tuple[float, float, bool]]:
         """For each pedestrian that matters: from when until when it forbids to be on the crossing, in s from now.
 
-        The third is False for who only stands there and may set off.
+        The third is False for a pedestrian that only stands there and may set off.
         """
         taken = []
         for at in np.flatnonzero(actors.kind == ActorKind.PEDESTRIAN).tolist():

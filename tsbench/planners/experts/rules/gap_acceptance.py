@@ -69,7 +69,7 @@ _HARDEST_MPS2 = 5.0
 
 
 class Yielding:
-    """One junction, from one approach (SUMO's edge): stops before its line while somebody is in the way.
+    """One junction, from one approach (SUMO's edge): stops before its line while a vehicle is in the way.
 
     paths: those that have priority by a rule, which asks `demand` of the ego. others: further paths through the
     junction; on these, vehicles with the network's right of way over the ego, or in the junction already, are let
@@ -109,7 +109,7 @@ class Yielding:
         return to_go is None or here is None or route.s - HALF_LENGTH_M > here.end_s
 
     def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
-        """While somebody blocks: what still stops before the line. In the junction: not slower than need be."""
+        """While a vehicle blocks: what still stops before the line. In the junction: not slower than need be."""
         to_go, here = self.to_line(route), self._passage
         if to_go is None or here is None or to_go > _LOOK_M or self.passed(route):
             return FREE
@@ -126,7 +126,7 @@ class Yielding:
         return (self._briskly(observation, route, here) if to_go < _NEAR_M else -math.inf), most
 
     def _defensively(self, observation: Observation, route: RouteView, here: WayThrough) -> float:
-        """Stops before the zone of one who drives through the junction and will not let the ego go first."""
+        """Stops before the zone of a vehicle that drives through the junction and will not let the ego go first."""
         most, v = math.inf, observation.ego.speed
         front = route.s + HALF_LENGTH_M - here.line_s
         for vehicle in self._finder.find(true_world(observation).actors):
@@ -147,7 +147,7 @@ class Yielding:
         return most
 
     def _briskly(self, observation: Observation, route: RouteView, here: WayThrough) -> float:
-        """The acceleration with which a driver goes who was given the gap, unless somebody is in front."""
+        """The acceleration of a driver that was given the gap, unless a vehicle is in front."""
         v = observation.ego.speed
         reach = here.end_s - route.s + 2.0 * HALF_LENGTH_M + v * v / 4.0
         if moving_ahead(self._samples, route.s, reach, observation.actors):
@@ -175,7 +175,7 @@ class Yielding:
         """May the ego go on now, if it goes on as it would?"""
         vehicles = self._finder.find(true_world(observation).actors)
         self._note_trend(vehicles)
-        # Who has no right of way counts once it is in the junction all the same.
+        # A vehicle without right of way counts too, once it is in the junction.
         coming = [
             (f, z)
             for f in vehicles
@@ -212,13 +212,13 @@ class Yielding:
             self._trend[vehicle.row] = (vehicle.speed, accel + 0.3 * ((vehicle.speed - speed) / DT_S - accel))
 
     def _room_behind(self, observation: Observation, here: WayThrough) -> bool:
-        """Can the ego leave the junction, or does somebody stand in or just behind it?"""
+        """Can the ego leave the junction, or does a vehicle stand in or just behind it?"""
         actors, samples = observation.actors, self._samples
         first = max(math.ceil(here.line_s), 0)
         last = min(int(here.end_s + 2.0 * HALF_LENGTH_M + _MANNER.room_m), samples.last)
         lengths, widths, speeds = actors.length.tolist(), actors.width.tolist(), actors.speed.tolist()
         for k, (x, y, heading) in enumerate(actors.pose.tolist()):
-            # Who drives across will be gone.
+            # Crossing vehicles will be gone.
             if (
                 speeds[k] < 1.0
                 and first_contact(samples, first, last, (x, y, heading, lengths[k], widths[k])) >= 0

@@ -1,4 +1,4 @@
-"""A junction as an expert sees it: the ego's own way through, where others' paths meet it, and who goes first.
+"""A junction as an expert sees it: the ego's own way through, where others' paths meet it, and which vehicles go first.
 
 Units: m.
 """

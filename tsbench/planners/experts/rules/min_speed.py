@@ -31,7 +31,7 @@ _ROOM_S = 1.2
 
 
 class MinSpeedConstraint(RuleConstraint):
-    """Speeds up in time for where the minimum binds and holds it, unless somebody slower is ahead."""
+    """Speeds up in time for where the minimum binds and holds it, unless a slower vehicle is ahead."""
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
         sign, self._roads = privilege.sign, context.network
@@ -61,7 +61,7 @@ class MinSpeedConstraint(RuleConstraint):
         return min((self._target - v) / _HOLD_S, _BRISK_MPS2), math.inf
 
     def _behind(self, observation: Observation, s: float) -> float | None:
-        """Least acceleration behind somebody slower than the minimum, or very close; None where nobody is.
+        """Least acceleration behind a vehicle slower than the minimum, or very close; None without one.
 
         Only who is within `reach` excuses: the ego does not fall back further than that, if there is room to stop.
         """

@@ -149,7 +149,7 @@ def shifted(path: RoutePath, s: float, length: float, offset: float) -> RoutePat
     sideways = offset * (0.5 - 0.5 * np.cos(np.pi * share))
     points = [path.line.point_at(float(t), float(d)) for t, d in zip(at, sideways, strict=True)]
     line = Polyline(np.asarray(points))
-    # No lanes: nobody needs to ask again whether it may change them.
+    # No lanes: no further check of lane changes is needed.
     return replace(
         path, line=line, pieces=(), destination_s=path.destination_s + line.length - path.line.length
     )

@@ -78,7 +78,7 @@ class ReservedLaneConstraint(RuleConstraint):
         path = self._graph.path(ahead, ego.lane, ego.s, self._destination, room)
         if path is None:
             return False
-        # No lanes: nobody needs to ask again whether it may change them.
+        # No lanes: no further check of lane changes is needed.
         self._own, self._s = replace(path, pieces=()), 0.0
         return True
 

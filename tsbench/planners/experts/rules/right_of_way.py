@@ -1,6 +1,6 @@
 """Right of way at the other junctions on the way, where no sign of the scene speaks: as the network has it.
 
-The way round a prohibited turn leads over several junctions; who drives it has to get through them unhurt.
+The way round a prohibited turn leads over several junctions, which the ego has to pass unhurt.
 Units: m, s.
 """
 
@@ -34,7 +34,7 @@ class _Junction:
 class RightOfWay:
     """Bounds the acceleration before each such junction; `but`: an approach (on the map) that a constraint looks after.
 
-    alert_edges: those at whose end the ego has right of way, and looks out all the same for who is in the junction.
+    alert_edges: those at whose end the ego has right of way, and looks out all the same for vehicles in the junction.
     demand: what is asked before the ego goes in front of a vehicle with right of way.
     """
 

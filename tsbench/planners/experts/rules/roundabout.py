@@ -1,4 +1,4 @@
-"""Roundabouts (4.3): the ring's traffic goes first at the entry; on the ring, those who push in at other entries."""
+"""Roundabouts (4.3): the ring's traffic goes first at the entry; on the ring, vehicles that push in elsewhere."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class RoundaboutConstraint(GiveWayConstraint):
     """Gives way to vehicles that come to the entry along the ring, or are about to come onto it before.
 
     Which way round and where out is the route's business. `alert_edges`: the ring's edges. At their ends the ego
-    has right of way, but who has driven in in front of it is let go on.
+    has right of way, but lets a vehicle go on that has driven in ahead of it.
     """
 
     def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
