@@ -5,6 +5,7 @@ Made once per network, and kept with it. Units: m.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -274,7 +275,11 @@ class _MapBuilder:
         return found
 
     def _crossings(self) -> Iterator[tuple[str, Crossing]]:
+        """Those of one road are numbered from the second on."""
+        count = Counter[str]()
         for one in sorted(self.network.crossings.values(), key=lambda c: c.line.points.tolist()):
             roads = tuple(dict.fromkeys(self.name_of[edge] for edge in one.edges if edge in self.name_of))
             name = f"crossing_{'_'.join(roads)}"
+            count[name] += 1
+            name += f"_{count[name]}" if count[name] > 1 else ""
             yield name, replace(one, id=name, edges=roads)

@@ -39,6 +39,7 @@ from tsbench.report.drawing.scene_shapes import staged_bodies
 from tsbench.report.scene_pictures import scene_picture
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.roads.planner_map import build_planner_map
 from tsbench.roads.road_map import Crossing
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -128,6 +129,14 @@ def test_the_whole_road_is_crossed_and_lanes_keep_their_numbers(
         beside = network.edge_lanes("road.0")[0].line.project(*path.line.points[0])[1]
         assert (beside < 0.0) == (side == "right")
         assert math.dist(path.line.points[-1], kerb) < 3.0
+
+
+def test_planners_are_told_both_crossings_of_a_road(networks: dict[str, RoadNetwork]) -> None:
+    network = networks["two_way"]
+    told = build_planner_map(network).map.crossings
+    lines = sorted(c.line.points.tolist() for c in told.values())
+    assert lines == sorted(c.line.points.tolist() for c in network.crossings.values())
+    assert {name: crossing.id for name, crossing in told.items()} == {name: name for name in told}
 
 
 @pytest.mark.parametrize("name", LINES)
