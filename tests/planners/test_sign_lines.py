@@ -133,7 +133,7 @@ def test_line_ahead_is_what_the_monitor_judges(looks: list[Look]) -> None:
     off = [(abs(look.line - look.judged), wide(look)) for look in seen if look.judged is not None]
     usual = [one for one, in_bend in off if not in_bend]
     # On the curve through a junction front and centre are on no straight line.
-    assert max(usual) < 0.35
+    assert max(usual) < 0.4
     assert sum(one > 0.05 for one in usual) < len(usual) / 50
     assert max(one for one, _ in off) < _WIDE_BEND_M
 
