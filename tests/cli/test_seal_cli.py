@@ -120,4 +120,4 @@ def test_what_is_no_secret_or_no_commitment_is_one_line(
     wrong.write_text("{}", encoding="utf-8")
     asked = ("seal", "build", "krems", "--secret", str(wrong))
     assert "is no secret" in call(capsys, *asked, code=2)
-    assert "no commitments of a sealed data set" in call(capsys, "seal", "check", str(wrong), code=2)
+    assert f"{wrong}: schema: is missing" in call(capsys, "seal", "check", str(wrong), code=2)
