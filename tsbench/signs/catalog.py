@@ -119,8 +119,13 @@ def load_catalog(root: Path | None = None) -> Catalog:
     root: its folder; by default `sign_catalog/` of the data. Where the data set in use keeps to the left, signs have
     the rules of their mirror images (`signs.mirror`). Raises InputError, one line: file, key, what is wrong.
     """
-    found = (data_file("sign_catalog") if root is None else root).resolve()
+    found = _resolved(data_file("sign_catalog") if root is None else root)
     return _left_hand(found) if left_hand_in_use() else _load(found)
+
+
+@cache
+def _resolved(root: Path) -> Path:
+    return root.resolve()
 
 
 @cache

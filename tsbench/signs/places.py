@@ -15,9 +15,9 @@ from tsbench.core.typed import read_sheet
 from tsbench.signs.catalog import load_catalog
 
 Place = Literal[
-    "line", "junction", "priority", "choice", "shown", "open_road", "one_way_across", "obstacle", "several_lanes",
-    "by_its_lane", "kerb_lane", "contraflow", "mouth", "unentered", "entered", "begin", "road_speed",
-    "not_before_yield", "crossing", "ring", "alone", "both_ways", "own_direction", "lasting",
+    "line", "junction", "priority", "choice", "shown", "open_road", "enterable", "one_way_across", "obstacle",
+    "several_lanes", "by_its_lane", "kerb_lane", "contraflow", "mouth", "unentered", "unused", "entered", "begin",
+    "road_speed", "not_before_yield", "crossing", "ring", "alone", "both_ways", "own_direction", "lasting",
 ]  # fmt: skip
 PLACES: tuple[Place, ...] = get_args(Place)
 _Positive = Annotated[float, Meta(gt=0.0, lt=1e300)]
@@ -30,7 +30,7 @@ class Distances:
     mouth_m: from the junction to a plate at its road's beginning. zone_m: from a begin to its end at least.
     slack_m: of a plate at a line, a crossing or an obstacle. beside_m: along a road, between the plates of its two
     directions at one border or crossing. ring_m: the longest ring. same_arm_deg: two carriageways of one arm point
-    within this.
+    within this. swerve_deg: ways straight on over a junction lead no farther aside and back again.
     """
 
     mouth_m: _Positive
@@ -39,6 +39,7 @@ class Distances:
     beside_m: _Positive
     ring_m: _Positive
     same_arm_deg: _Positive
+    swerve_deg: _Positive
 
 
 @dataclass(frozen=True)

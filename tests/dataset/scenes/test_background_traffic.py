@@ -24,7 +24,17 @@ from tsbench.dataset.scenes.demand_calibration import (
 from tsbench.dataset.scenes.drivers import Driver
 from tsbench.dataset.scenes.dry_run import lead_time
 from tsbench.dataset.scenes.elements import background, driver_types, write_additional
-from tsbench.dataset.scenes.traffic import Car, Router, TrafficRequest, avoidable, lane_km, standing_cars
+from tsbench.dataset.scenes.plate_roads import plate_roads
+from tsbench.dataset.scenes.traffic import (
+    Car,
+    Router,
+    Sent,
+    TrafficRequest,
+    avoidable,
+    lane_km,
+    shut_roads,
+    standing_cars,
+)
 from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork
@@ -209,6 +219,21 @@ def test_turns_are_avoidable_as_long_as_a_way_on_is_left(on_cross: SceneMaker) -
     assert avoidable(set(ways[:1]), graph, frozenset()) == {ways[0]}
     assert avoidable(set(ways), graph, frozenset()) == set(ways[:-1])
     assert avoidable({ways[0]}, graph, frozenset(ways[1:])) == frozenset()
+
+
+def test_a_road_is_shut_with_those_that_lead_to_the_egos_ways_alone(block: RoadNetwork) -> None:
+    roads, road = plate_roads(LaneGraph(block)), ("bc", "cd", "da")
+    none = Sent(frozenset(), frozenset())
+    into = {("ab", "bc"), ("ub", "bc")}
+    assert shut_roads(roads, [road], ego={"ta", "ab", "bu"}, sent=none) == Sent(
+        frozenset(into), frozenset(road)
+    )
+    more = shut_roads(roads, [road], ego={"ub", "ba"}, sent=none)
+    assert more == Sent(frozenset(into), frozenset(road))
+    more = shut_roads(roads, [road], ego={"ba", "at"}, sent=none)
+    assert more == Sent(frozenset(into), frozenset({*road, "ub"}))
+    given = Sent(frozenset({("ab", "bu")}), frozenset())
+    assert shut_roads(roads, [road], ego={"ta", "ab"}, sent=given) is None
 
 
 def test_platoons_leave_gaps(on_cross: SceneMaker, tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def placed(case: Case) -> PlacedPlates:
 
     return PlacedPlates(
         table,
-        PlateRoads(network=roads, graph=LaneGraph(roads), distances=table.distances),
+        PlateRoads(graph=LaneGraph(roads), distances=table.distances),
         tuple(plate(k, *given) for k, given in enumerate(case["plates"])),
         tuple(obstacle(k, *given) for k, given in enumerate(case.get("obstacles", ()))),
         tuple(vehicle(k, *given) for k, given in enumerate(case.get("vehicles", ()))),

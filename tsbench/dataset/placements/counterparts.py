@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TypedDict
 
 from tsbench.dataset.placements.placement import (
     Arrangement,
@@ -31,7 +30,7 @@ from tsbench.dataset.placements.posts import (
 )
 from tsbench.dataset.scenes.plate_places import PlacedPlates
 from tsbench.dataset.scenes.plate_roads import PlateRoads
-from tsbench.roads.lane_graph import Turn
+from tsbench.dataset.scenes.traffic import Sent, shut_roads
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
 
@@ -59,7 +58,10 @@ def with_same_plates(
     if len(held) < len(swaps) or sent is None:
         codes = " and ".join(sorted({code for swap in swaps for code, _ in swap}))
         raise UnluckyDrawError(f"no place for plates {codes} that binds nobody")
-    signed, contrast = (replace(half, **sent) for half in (signed, contrast))
+    signed, contrast = (
+        replace(half, avoid_turns=sent.avoid_turns, closed_edges=sent.closed_edges)
+        for half in (signed, contrast)
+    )
     return _on_posts(signed, contrast, sorted(held, key=lambda h: (h[0].edge, h[0].position_m)))
 
 
@@ -89,7 +91,7 @@ def _posts_holding(
         middle = bare_post(task, arrangement, edge, halves[0].roads.length(edge) / 2, len(found))
         sent = _sent(task, arrangement, [*found, (middle, *swap)], halves[0].roads)
         if sent is not None:
-            closing[edge] = len(sent["closed_edges"])
+            closing[edge] = len(sent.closed_edges)
     for edge in sorted(closing, key=closing.__getitem__):
         line = task.network.edge_lanes(edge)[0].line
         for _ in range(TRIES):
@@ -104,19 +106,12 @@ def _posts_holding(
                     yield post
 
 
-class _Sent(TypedDict):
-    """Where other traffic is not sent, and which roads it does not use."""
-
-    avoid_turns: frozenset[Turn]
-    closed_edges: frozenset[str]
-
-
 def _sent(
     task: SceneTask,
     arrangement: Arrangement,
     held: Sequence[tuple[SignInstance, _Plate, _Plate]],
     roads: PlateRoads,
-) -> _Sent | None:
+) -> Sent | None:
     """Other traffic as the plates on some posts send it in both halves; None where it could not go on.
 
     An approach from which the two halves' plates permit no common way is not used, nor is a road from which only
@@ -139,17 +134,7 @@ def _sent(
         avoid |= {turn for turn in turns if graph.turn(*turn) not in permitted}
         if turns <= avoid:
             shut.append((*behind.edges[::-1], *ahead.edges))
-    while shut:
-        road = shut.pop()
-        closed |= {*road}
-        for before in roads.ways_to(road[0]):
-            avoid.add((before, road[0]))
-            left = {e for e in graph.successors(before) if (before, e) not in avoid}
-            if before in ego and not left:
-                return None
-            if before not in ego | closed and left <= ego:
-                shut.append(roads.back(edge=before, s=0.0).edges[::-1])
-    return _Sent(avoid_turns=frozenset(avoid), closed_edges=frozenset(closed))
+    return shut_roads(roads, shut, ego=ego, sent=Sent(frozenset(avoid), frozenset(closed)))
 
 
 def _with_same_limits(

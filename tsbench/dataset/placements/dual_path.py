@@ -110,7 +110,7 @@ class ManoeuvrePlacement(ScenePlacement):
         end_s = variant.route_end(least, room)
         plates, other = self.plates(task, short, compliant), self.other_code(task, short, compliant)
         for half in (plates, self.other_plates(plates, other)):
-            scene = PlacedPlates(load_places(), plate_roads(network, graph), half, (), ())
+            scene = PlacedPlates(load_places(), plate_roads(graph), half, (), ())
             for plate in half:
                 for _, why in scene.refused(plate):
                     raise UnfitMapError(f"plate {plate.code} {why}")
@@ -166,7 +166,7 @@ class ManoeuvrePlacement(ScenePlacement):
         """
         graph, approach = task.graph, short[0]
         wanted, other = (graph.turn(way[0], way[1]) for way in (short, compliant))
-        roads = plate_roads(task.network, graph)
+        roads = plate_roads(graph)
         scene = PlacedPlates(load_places(), roads, (), (), ())
         at = roads.length(approach) - task.recipe.number("plate_before_line_m")
         fit = [
@@ -232,7 +232,7 @@ class OneWayPlacement(ManoeuvrePlacement):
 
     def empty(self, task: SceneTask, approach: str) -> frozenset[str]:
         """The crossing road, both directions on both sides."""
-        across = plate_roads(task.network, task.graph).across(approach)
+        across = plate_roads(task.graph).across(approach)
         return frozenset().union(*(out | into for out, into in across.values()))
 
 

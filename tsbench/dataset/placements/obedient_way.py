@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 import shapely
-import shapely.affinity
 
 from tsbench.dataset.maps.lines import heading_away, heading_towards
 from tsbench.dataset.maps.plain import PlainEdge, PlainNet
@@ -45,10 +45,14 @@ class _Body:
     width: float
     behind: float
 
-    def at(self, line: Polyline, s: float) -> shapely.Geometry:
-        body = shapely.box(-self.behind, -self.width / 2, self.length - self.behind, self.width / 2)
-        turned = shapely.affinity.rotate(body, line.heading_at(s), origin=(0.0, 0.0), use_radians=True)
-        return shapely.affinity.translate(turned, *line.point_at(s))
+    def along(self, line: Polyline, places: Sequence[float]) -> shapely.Geometry:
+        """All that it covers at some places of a line."""
+        x = np.array([-self.behind, self.length - self.behind, self.length - self.behind, -self.behind])
+        y = np.array([-1.0, -1.0, 1.0, 1.0]) * self.width / 2
+        heading = np.array([line.heading_at(s) for s in places])[:, None]
+        cos, sin, at = np.cos(heading), np.sin(heading), np.array([line.point_at(s) for s in places])
+        corners = np.stack((at[:, :1] + x * cos - y * sin, at[:, 1:] + x * sin + y * cos), axis=-1)
+        return shapely.union_all(shapely.polygons(corners))
 
 
 _EGO = _Body(EGO_LENGTH_M, EGO_WIDTH_M, EGO_LENGTH_M / 2)
@@ -119,7 +123,8 @@ def check_way(graph: LaneGraph, way: Sequence[str], absent: AbstractSet[Turn]) -
         require(not waits(graph, a, b, absent), f"others go first on the obedient way at the end of {a}")
 
 
-def grazing_turns(graph: LaneGraph, way: Sequence[str]) -> frozenset[Turn]:
+@lru_cache(maxsize=4)
+def grazing_turns(graph: LaneGraph, way: tuple[str, ...]) -> frozenset[Turn]:
     """Turns of others whose cars run into a car on a way, or stand in it, without SUMO's knowing.
 
     So where a road bends sharply at a junction, or meets another at a small angle: long cars cut each other's corner.
@@ -149,11 +154,10 @@ def _swept(network: RoadNetwork, connection: Connection, car: _Body) -> shapely.
     """What a car covers on a junction."""
     onto = network.lanes[connection.to_lane].line
     line = join([junction_path(network, connection).line, onto.slice(0.0, min(car.behind, onto.length))])
-    at = [*np.arange(0.0, line.length, 1.0).tolist(), line.length]
-    return shapely.union_all([car.at(line, s) for s in at])
+    return car.along(line, [*np.arange(0.0, line.length, 1.0).tolist(), line.length])
 
 
 def _held(network: RoadNetwork, connection: Connection, car: _Body) -> shapely.Geometry:
     """Where a car stands that waits at its line."""
     line = network.lanes[connection.from_lane].line
-    return car.at(line, line.length + car.behind - car.length)
+    return car.along(line, [line.length + car.behind - car.length])

@@ -78,6 +78,8 @@ class SpeedZonePlacement(ScenePlacement):
 
     # Numbers of the recipe that add up to the room behind the zone.
     behind_zone: Sequence[str] = ("end_plate_before_destination_m", "end_before_edge_m")
+    # Does the ego's way end in the zone, or behind it?
+    ends_in_zone = False
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
@@ -126,7 +128,8 @@ class SpeedZonePlacement(ScenePlacement):
         require(room >= 0.0, f"no room to brake from {v0:.1f} m/s before the plate")
         jitter = float(task.rng.uniform(0.0, min(recipe.number("jitter_m"), room)))
         start = EgoStart(lane.id, lane.line.length - need - jitter - EGO_LENGTH_M / 2, v0)
-        way, least = self._way(zone, last), recipe.number("destination_behind_m")
+        way = tuple(zone) if self.ends_in_zone else (*zone, last)
+        least = recipe.number("destination_behind_m")
         room = network.edge_lanes(way[-1])[0].line.length - 3.0
         require(room > least, "no room for the destination")
         end_s = variant.route_end(least, room)
@@ -136,11 +139,6 @@ class SpeedZonePlacement(ScenePlacement):
             destination=Destination(way[-1], end_s), route_hint=(first, *way), route_length=driven,
             drivers=_no_faster(task.drivers, limit), closed_edges=frozenset(edges),
         )  # fmt: skip
-
-    @staticmethod
-    def _way(zone: Sequence[str], last: str) -> tuple[str, ...]:
-        """Edges from the plate to the destination."""
-        return (*zone, last)
 
     def _signs(
         self, task: SceneTask, zone: Sequence[str], last: str, limit: float
@@ -189,12 +187,7 @@ class ZonePlacement(SpeedZonePlacement):
     """
 
     behind_zone = ("end_before_edge_m",)
-
-    @staticmethod
-    def _way(zone: Sequence[str], last: str) -> tuple[str, ...]:
-        """The zone alone: the edge behind it is the end of the map."""
-        del last
-        return tuple(zone)
+    ends_in_zone = True
 
     def _signs(
         self, task: SceneTask, zone: Sequence[str], last: str, limit: float

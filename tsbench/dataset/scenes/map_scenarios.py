@@ -212,6 +212,10 @@ class SiteBuilder:
         asked = variant.cars_per_lane_km
         # Plates that need not be there are drawn last: no vehicle of either half may break one.
         placed = [files(half, a).placed_plates(others) for half, a in halves.items()]
+        for scene in placed:
+            for plate in scene.plates:
+                for _, why in scene.refused(plate):
+                    raise UnluckyDrawError(f"plate {plate.code} {why}")
         more = distractors(there, halves[SIGNED], placed)
         spec = written(SIGNED, _with_plates(halves[SIGNED], more), others)
         if CONTRAST not in halves:

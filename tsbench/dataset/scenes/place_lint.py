@@ -57,8 +57,9 @@ def lint_places(scene: Scene, graph: LaneGraph, scenario_id: str = "") -> tuple[
 
 def placed_plates(scene: Scene, graph: LaneGraph) -> PlacedPlates:
     """What decides where a loaded scene's plates can stand."""
-    roads = plate_roads(scene.network, graph)
-    return PlacedPlates(load_places(), roads, scene.signs, scene.obstacles, scene_vehicles(scene))
+    return PlacedPlates(
+        load_places(), plate_roads(graph), scene.signs, scene.obstacles, scene_vehicles(scene)
+    )
 
 
 def lint_rows(

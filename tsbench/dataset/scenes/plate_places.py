@@ -12,6 +12,7 @@ from tsbench.dataset.scenes.lint import PLATE_SIDE_M
 from tsbench.dataset.scenes.plate_roads import PlateRoads, WayOn
 from tsbench.dataset.scenes.scene_vehicles import RoutedVehicle
 from tsbench.geometry.angles import LEFT, RIGHT, TURNS, U_TURN
+from tsbench.roads.network import RoadNetwork
 from tsbench.roads.reserved_lanes import is_reserved
 from tsbench.signs.annotations import TARGET, SignInstance
 from tsbench.signs.catalog import Sign, load_catalog
@@ -37,6 +38,34 @@ class PlacedPlates:
     obstacles: tuple[Obstacle, ...]
     vehicles: tuple[RoutedVehicle, ...]
 
+    @cached_property
+    def at_line(self) -> Mapping[str, tuple[PlateHere, ...]]:
+        """By edge that ends at a junction: the plates on the road that it ends."""
+        found: dict[str, tuple[PlateHere, ...]] = {}
+        for here in (PlateHere(self, plate) for plate in self.plates):
+            if here.ahead.junction:
+                found[here.ahead.edges[-1]] = (*found.get(here.ahead.edges[-1], ()), here)
+        return found
+
+    @cached_property
+    def against(self) -> Mapping[str, str]:
+        """Edges against the direction of the road across a target of one-way traffic, with the target's code.
+
+        That road has lanes both ways in both halves: its plates alone say its direction.
+        """
+        found: dict[str, str] = {}
+        for plates in self.at_line.values():
+            for here in plates:
+                if here.plate.role == TARGET and here.sign.rule.name == "one_way_exit":
+                    for edge in here.across[1]:
+                        s = self.roads.length(edge)
+                        road = (
+                            *self.roads.approach(edge=edge, s=s).edges,
+                            *self.roads.back(edge=edge, s=0.0).edges,
+                        )
+                        found.update(dict.fromkeys(road, here.plate.code))
+        return found
+
     def refused(self, plate: SignInstance) -> tuple[tuple[Place, str], ...]:
         """Each kind of place that a plate needs and does not have, with the reason; () where it can stand."""
         here = PlateHere(self, plate)
@@ -60,14 +89,29 @@ class PlateHere:
         """The way on to the next junction."""
         return self.scene.roads.approach(edge=self.plate.edge, s=self.plate.position_m)
 
+    @cached_property
+    def across(self) -> tuple[frozenset[str], frozenset[str]]:
+        """Of a plate of one-way traffic: edges of the crossing road in its direction behind it, and against it."""
+        allowed = self.sign.rule.options["allowed"]
+        side, other = (RIGHT, LEFT) if RIGHT in allowed else (LEFT, RIGHT)
+        across = self.scene.roads.across(self.ahead.edges[-1])
+        return across[side][0], across[other][0] | across[side][1]
+
     def is_before(self, other: SignInstance) -> bool:
         """Does another plate stand farther on, before the next junction?"""
         on = other.edge in self.ahead.edges
         return on and (other.edge != self.plate.edge or other.position_m > self.plate.position_m)
 
     def closing(self, edge: str) -> str:
-        """Code of the plate that closes an edge at its mouth, "" where none does."""
-        return next((p.code for p in self.scene.plates if p.edge == edge and p.code in CLOSING), "")
+        """Code of the plate that closes an edge at its mouth, or makes its road one-way against it; "": none does."""
+        at_mouth = (p.code for p in self.scene.plates if p.edge == edge and p.code in CLOSING)
+        return next(at_mouth, self.scene.against.get(edge, ""))
+
+    def lets(self, approach: str, edge: str) -> bool:
+        """Do all plates of ways on at an approach permit the turn from it onto an edge?"""
+        turn = self.scene.roads.graph.turn(approach, edge)
+        allowed = (p.sign.rule.options.get("allowed") for p in self.scene.at_line.get(approach, ()))
+        return all(turn in turns for turns in allowed if turns is not None)
 
     def is_at_target(self, rule: str) -> bool:
         """Does the plate regulate the junction of the target, whose rule has this name?"""
@@ -91,7 +135,11 @@ def _line(here: PlateHere) -> str:
 
 
 def _junction(here: PlateHere) -> str:
-    return "" if here.ahead.junction else "its road leads to no junction: it faces traffic that leaves"
+    if not here.ahead.junction:
+        return "its road leads to no junction: it faces traffic that leaves"
+    swerve = here.scene.roads.swerve(here.ahead.junction)
+    most = here.scene.table.distances.swerve_deg
+    return f"straight on swerves by {swerve:.0f} degrees at its junction" if swerve > most else ""
 
 
 def _priority(here: PlateHere) -> str:
@@ -157,18 +205,27 @@ def _open_road(here: PlateHere) -> str:
     return "its way is closed" if permitted and asks(map(here.closing, permitted)) else ""
 
 
+def _enterable(here: PlateHere) -> str:
+    if not here.ahead.junction:
+        return ""
+    approach, roads = here.ahead.edges[-1], here.scene.roads
+    for edge in roads.ways_on(approach):
+        if not (here.closing(edge) or any(here.lets(a, edge) for a in roads.ways_to(edge))):
+            return f"with the other plates nobody may enter {edge}"
+    return ""
+
+
 def _one_way_across(here: PlateHere) -> str:
     if not here.ahead.junction:
         return ""
-    allowed = here.sign.rule.options["allowed"]
-    side, other = (RIGHT, LEFT) if RIGHT in allowed else (LEFT, RIGHT)
-    across = here.scene.roads.across(here.ahead.edges[-1])
-    onto, against = across[side][0], across[other][0] | across[side][1]
+    onto, against = here.across
     if onto and here.is_at_target("one_way_exit"):
         # That road has lanes both ways in both halves, and no vehicle uses it.
         used = [v.id for v in here.scene.vehicles if not against.isdisjoint(v.edges)]
         return f"{used[0]} drives against it on the crossing road" if used else ""
-    return "" if onto and not against else f"the crossing road is not one-way to the {side}"
+    if any(_has_lane_against(here.scene.roads.network, edge) for edge in onto):
+        return "a lane leads against the crossing road"
+    return "" if onto and not against else "the crossing road is not one-way in its direction"
 
 
 def _obstacle(here: PlateHere) -> str:
@@ -200,12 +257,15 @@ def _kerb_lane(here: PlateHere) -> str:
 
 
 def _contraflow(here: PlateHere) -> str:
-    network = here.scene.roads.network
-    edge = network.edges[here.plate.edge]
+    there = _has_lane_against(here.scene.roads.network, here.plate.edge)
+    return "" if there else "no lane against a one-way road"
+
+
+def _has_lane_against(network: RoadNetwork, name: str) -> bool:
+    """Has a one-way road a lane for others than cars in the other direction?"""
+    edge = network.edges[name]
     against = (e for e in network.edges.values() if (e.source, e.target) == (edge.target, edge.source))
-    if any(e.lanes and all(is_reserved(network.lanes[i], "passenger") for i in e.lanes) for e in against):
-        return ""
-    return "no lane against a one-way road"
+    return any(e.lanes and all(is_reserved(network.lanes[i], "passenger") for i in e.lanes) for e in against)
 
 
 def _mouth(here: PlateHere) -> str:
@@ -228,6 +288,17 @@ def _unentered(here: PlateHere) -> str:
         return f"{past[0]} drives past it"
     behind = [p.code for p in here.scene.plates if plate.role != TARGET and here.is_before(p)]
     return f"{behind[0]} stands on the road that it closes" if behind else ""
+
+
+def _unused(here: PlateHere) -> str:
+    plate, roads = here.plate, here.scene.roads
+    ahead = roads.approach(edge=plate.edge, s=plate.position_m).edges
+    road = {*ahead, *roads.back(edge=plate.edge, s=plate.position_m).edges}
+    road |= roads.other_direction(road)
+    for vehicle in here.scene.vehicles:
+        if (vehicle.id != EGO_ID or plate.role != TARGET) and not road.isdisjoint(vehicle.edges):
+            return f"{vehicle.id} drives on its road"
+    return ""
 
 
 def _entered(here: PlateHere) -> str:
@@ -362,6 +433,7 @@ _TESTS: Mapping[Place, Callable[[PlateHere], str]] = MappingProxyType(
         "choice": _choice,
         "shown": _shown,
         "open_road": _open_road,
+        "enterable": _enterable,
         "one_way_across": _one_way_across,
         "obstacle": _obstacle,
         "several_lanes": _several_lanes,
@@ -370,6 +442,7 @@ _TESTS: Mapping[Place, Callable[[PlateHere], str]] = MappingProxyType(
         "contraflow": _contraflow,
         "mouth": _mouth,
         "unentered": _unentered,
+        "unused": _unused,
         "entered": _entered,
         "begin": _begin,
         "road_speed": _road_speed,

@@ -6,15 +6,16 @@ An edge is no road: where two roads meet without a third, or a scene has cut an 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from operator import attrgetter
 
-from tsbench.geometry.angles import LEFT, RIGHT, U_TURN, turn_class, wrap
+from tsbench.geometry.angles import LEFT, RIGHT, STRAIGHT, U_TURN, turn_class, wrap
+from tsbench.geometry.polyline import Polyline
 from tsbench.roads.lane_graph import LaneGraph, heading_change
-from tsbench.roads.network import Edge, RoadNetwork
+from tsbench.roads.network import Edge
 from tsbench.signs.places import Distances, load_places
 
 _MOST_EDGES = 40
@@ -35,9 +36,10 @@ class WayOn:
 class PlateRoads:
     """Arms and ways of one network, each computed once."""
 
-    def __init__(self, *, network: RoadNetwork, graph: LaneGraph, distances: Distances) -> None:
-        self.network, self.graph = network, graph
+    def __init__(self, *, graph: LaneGraph, distances: Distances) -> None:
+        self.network, self.graph = graph.network, graph
         self._ring = distances.ring_m
+        self._swerves: dict[str, float] = {}
         self._same_arm = math.radians(distances.same_arm_deg)
 
     def length(self, edge: str) -> float:
@@ -98,6 +100,12 @@ class PlateRoads:
         start = self._pairs.get(self.network.edges[edge].source, {})
         return edge not in start.values() and self._way_back(edge) is None
 
+    def other_direction(self, road: Iterable[str]) -> set[str]:
+        """Edges for cars beside those of a road, the other way."""
+        ends = {(self.network.edges[e].target, self.network.edges[e].source) for e in road}
+        beside = {e.id for e in self._car_edges if (e.source, e.target) in ends}
+        return beside.union(filter(None, map(self._way_back, road)))
+
     def _way_back(self, edge: str) -> str | None:
         """The edge of the same arm by which traffic leaves the node at an edge's end."""
         return self._pairs.get(self.network.edges[edge].target, {}).get(edge)
@@ -141,6 +149,22 @@ class PlateRoads:
             edges.append(ways[0])
             distance += self.length(ways[0])
         return WayOn(tuple(edges), distance, "")
+
+    def swerve(self, node: str) -> float:
+        """How far the ways straight on over a junction lead aside and back again, degrees: 0 between opposite arms.
+
+        Of the way that does most, the lesser of the two turns.
+        """
+        if node not in self._swerves:
+            into, lanes = self._at[node][0], self.network.lanes
+            turns = [
+                _aside_and_back(lanes[c.from_lane].line, lanes[c.to_lane].line)
+                for c in self.network.connections
+                if lanes[c.from_lane].edge in into
+                and self.graph.turn(lanes[c.from_lane].edge, lanes[c.to_lane].edge) == STRAIGHT
+            ]
+            self._swerves[node] = math.degrees(max(turns, default=0.0))
+        return self._swerves[node]
 
     def gives_way_to(self, approach: str) -> tuple[frozenset[str], ...]:
         """For each connection from an approach, the edges of other arms whose traffic has right of way over it."""
@@ -202,13 +226,23 @@ class PlateRoads:
         return sum(wrap(b - a) for a, b in pairwise(headings))
 
 
+def _aside_and_back(line: Polyline, onward: Polyline) -> float:
+    """From one lane's end to another's start: the lesser turn, rad, where the two go to different sides, else 0."""
+    (x0, y0), (x1, y1) = line.point_at(line.length), onward.point_at(0.0)
+    direct = math.atan2(y1 - y0, x1 - x0)
+    aside = wrap(direct - line.heading_at(max(line.length - 1.0, 0.0)))
+    back = wrap(onward.heading_at(min(1.0, onward.length)) - direct)
+    return min(abs(aside), abs(back)) if aside * back < 0.0 else 0.0
+
+
 def _of(turns: Mapping[str, str], side: str) -> frozenset[str]:
     return frozenset(e for e, turn in turns.items() if turn == side)
 
 
-def plate_roads(network: RoadNetwork, graph: LaneGraph) -> PlateRoads:
+@lru_cache(maxsize=4)
+def plate_roads(graph: LaneGraph) -> PlateRoads:
     """The roads of a network by the table's distances."""
-    return PlateRoads(network=network, graph=graph, distances=load_places().distances)
+    return PlateRoads(graph=graph, distances=load_places().distances)
 
 
 def _places(length: float) -> list[float]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -30,7 +31,15 @@ from tsbench.dataset.scenes.lint import lint_scene
 from tsbench.dataset.scenes.plate_places import PlacedPlates
 from tsbench.dataset.scenes.plate_roads import plate_roads
 from tsbench.dataset.scenes.scene_vehicles import routed_vehicles
-from tsbench.dataset.scenes.traffic import Car, TrafficRequest, avoidable, lane_km, standing_cars
+from tsbench.dataset.scenes.traffic import (
+    Car,
+    Sent,
+    TrafficRequest,
+    avoidable,
+    lane_km,
+    shut_roads,
+    standing_cars,
+)
 from tsbench.dataset.seeds import rng_of
 from tsbench.roads.lane_graph import Turn
 from tsbench.scenarios.certificates import DENSITY_TOLERANCE
@@ -89,9 +98,7 @@ class SceneFileWriter:
         root = etree.Element("additional")
         root.extend(self._elements(others or OtherTraffic((), 0.0, None)))
         vehicles = routed_vehicles(root=root, network=network, lawful=a.compliant_hint or a.route_hint)
-        return PlacedPlates(
-            load_places(), plate_roads(network, self.roads.graph), a.signs, a.obstacles, vehicles
-        )
+        return PlacedPlates(load_places(), plate_roads(self.roads.graph), a.signs, a.obstacles, vehicles)
 
     def _elements(self, others: OtherTraffic) -> list[etree._Element]:
         a, network = self.a, self.roads.network
@@ -161,21 +168,19 @@ class SceneFileWriter:
         )
         goal = target = asked * length
         best: tuple[float, list[Car]] | None = None
-        jammed: frozenset[Turn] = frozenset()
-        for rehearsal in range(REHEARSALS):
+        written: TrafficRequest | None = None
+        for _ in range(REHEARSALS):
             rng = rng_of("traffic", self.name)
             standing = standing_cars(network, graph, ask, rng)
-            if not rehearsal or jammed:
+            if ask is not written:
+                written = ask
                 write_additional([*fixed, *self._types(), *background(standing)], self.trial)
             load_files(self.sim, self.roads.file.path, self.trial, network, self.seed)
             inflow = DemandCalibration(self.sim, network, graph, ask, standing, target, rng)
             mean = inflow.drive(duration_s)
-            jammed = avoidable(inflow.jammed, graph, ask.avoid_turns)
-            if jammed:
-                ask, best = replace(ask, avoid_turns=ask.avoid_turns | jammed), None
-                continue
             if inflow.jammed:
-                raise UnluckyDrawError(f"cars stand before {sorted(inflow.jammed)[0][1]} in vain")
+                ask, best = self._without(ask, inflow.jammed), None
+                continue
             if best is None or abs(mean - goal) < abs(best[0] - goal):
                 best = (mean, inflow.cars)
             if abs(mean / goal - 1.0) <= DENSITY_GOAL:
@@ -188,6 +193,25 @@ class SceneFileWriter:
         if abs(got / asked - 1.0) > DENSITY_TOLERANCE:
             raise UnluckyDrawError(f"traffic of {asked:.1f} cars per lane-km becomes {got:.1f}")
         return best[1], got
+
+    def _without(self, ask: TrafficRequest, jammed: AbstractSet[Turn]) -> TrafficRequest:
+        """The same without turns for which cars wait in vain, or without the road where such a turn is the only one.
+
+        Raises UnluckyDrawError where that road is the ego's or the convoy's.
+        """
+        others = avoidable(jammed, self.roads.graph, ask.avoid_turns)
+        if others:
+            return replace(ask, avoid_turns=ask.avoid_turns | others)
+        edge, onto = min(jammed)
+        roads, convoy = plate_roads(self.roads.graph), self.a.convoy
+        road = roads.back(edge=edge, s=0.0).edges[::-1]
+        ego = {*self.a.route_hint, *self.a.compliant_hint}
+        kept = ego.union(convoy.edges if convoy else ())
+        sent = Sent(frozenset(ask.avoid_turns), frozenset(ask.closed_edges))
+        fewer = shut_roads(roads, [road], ego=ego, sent=sent) if kept.isdisjoint(road) else None
+        if fewer is None or not kept.isdisjoint(fewer.closed_edges - sent.closed_edges):
+            raise UnluckyDrawError(f"cars stand before {onto} in vain")
+        return replace(ask, avoid_turns=fewer.avoid_turns, closed_edges=fewer.closed_edges)
 
     def _check_start(self) -> None:
         """Read the scene back and load it as an episode does: it is sound, the ego is put in, the convoy is there."""

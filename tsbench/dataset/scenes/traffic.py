@@ -6,12 +6,14 @@ Cars stand on every lane at the asked spacing when the episode begins; later veh
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 
 import numpy as np
 
 from tsbench.dataset.scenes.drivers import Driver
+from tsbench.dataset.scenes.plate_roads import PlateRoads
 from tsbench.geometry.angles import STRAIGHT
 from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.roads.network import Lane, RoadNetwork
@@ -96,6 +98,36 @@ def avoidable(turns: AbstractSet[Turn], graph: LaneGraph, avoided: AbstractSet[T
         if ways - {turn}:
             found.add(turn)
     return frozenset(found)
+
+
+@dataclass(frozen=True)
+class Sent:
+    """Where other traffic is not sent, and which roads it does not use."""
+
+    avoid_turns: frozenset[Turn]
+    closed_edges: frozenset[str]
+
+
+def shut_roads(
+    roads: PlateRoads, shut: Sequence[tuple[str, ...]], *, ego: AbstractSet[str], sent: Sent
+) -> Sent | None:
+    """Other traffic that leaves some more roads alone; None where one of the ego's would have no way on.
+
+    shut: each road as its edges in driving order. ego: edges of its ways. A road from which only ways onto the ego's
+    are left is not used either: all its traffic would stand where the ego turns.
+    """
+    avoid, closed, rest = set(sent.avoid_turns), set(sent.closed_edges), list(shut)
+    while rest:
+        road = rest.pop()
+        closed |= {*road}
+        for before in roads.ways_to(road[0]):
+            avoid.add((before, road[0]))
+            left = {e for e in roads.graph.successors(before) if (before, e) not in avoid}
+            if before in ego and not left:
+                return None
+            if before not in ego | closed and left <= ego:
+                rest.append(roads.back(edge=before, s=0.0).edges[::-1])
+    return Sent(frozenset(avoid), frozenset(closed))
 
 
 def driving_lanes(network: RoadNetwork, closed: AbstractSet[str] = frozenset()) -> list[Lane]:

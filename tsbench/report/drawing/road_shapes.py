@@ -19,7 +19,7 @@ from tsbench.report.drawing.canvas import STYLE
 from tsbench.report.drawing.shapes import Area, Line, dashes, lane_area, rounded
 from tsbench.roads.network import Edge, Lane, RoadNetwork
 from tsbench.roads.road_map import Crossing
-from tsbench.signs.annotations import SignInstance
+from tsbench.signs.annotations import TARGET, SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim import main_road
@@ -80,10 +80,10 @@ def _two_way(network: RoadNetwork) -> set[str]:
 
 
 def _across(network: RoadNetwork, signs: Sequence[SignInstance]) -> set[str]:
-    """Edges of the roads that plates of one-way traffic (5.7.x) speak of."""
+    """Edges of the roads whose direction targets of one-way traffic (5.7.x) alone tell."""
     found = set[str]()
     for sign in signs:
-        if load_catalog().sign(sign.code).rule.name == "one_way_exit":
+        if sign.role == TARGET and load_catalog().sign(sign.code).rule.name == "one_way_exit":
             node = network.edges[sign.edge].target
             for edge in network.edges.values():
                 if not edge.internal and node in (edge.source, edge.target):
@@ -98,7 +98,8 @@ def mark_shapes(network: RoadNetwork, signs: Sequence[SignInstance] = ()) -> Ite
     """What plates have painted: reserved lanes, stop and give-way lines, the stripes of a crossing with its plate.
 
     An arm without a plate of priority has the line that the network's rights of way ask for. Lanes have arrows before
-    a fork, except where a plate of the scene says which ways are open: the other half's plate says otherwise.
+    a fork, except where a plate of the scene says which ways are open or a road's direction: the other half's plate
+    says otherwise.
     """
     reserved = {name for s in signs if isinstance(s.params, ReservedLaneParams) for name in s.params.lanes}
     # Of plates that bind others: the lane that each names.
@@ -111,7 +112,10 @@ def mark_shapes(network: RoadNetwork, signs: Sequence[SignInstance] = ()) -> Ite
         yield Area("reserved", lane_area(lane.line, lane.width - 2.0 * _LINES_M))
     for index, line in stop_lines(network, signs).items():
         yield from _end_marks(network.lanes[index], line)
-    regulated = _regulated(network, signs)
+    regulated, across = _regulated(network, signs), _across(network, signs)
+    regulated |= {
+        node for edge in across for node in (network.edges[edge].source, network.edges[edge].target)
+    }
     for lane in network.lanes:
         if not lane.internal and network.edges[lane.edge].target not in regulated:
             yield from _turn_arrows(network, lane)
