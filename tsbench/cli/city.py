@@ -162,7 +162,7 @@ def new(
     from tsbench.dataset.maps.own_extract import facts_of
     from tsbench.dataset.maps.paths import sources_dir
     from tsbench.dataset.maps.place import GEOCODER, outline_of
-    from tsbench.signs.driving_side import country_code
+    from tsbench.signs.countries import country_code
 
     file, code = new_city_file(name), country_code(country, "--country")
     if osm is not None and not osm.is_dir() and ending_of(osm.name):

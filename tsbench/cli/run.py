@@ -16,7 +16,7 @@ from tsbench.core.paths import check_driven
 from tsbench.core.streams import progress_console
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.execution.executor import Limits
-from tsbench.run.execution.factory import EXECUTORS
+from tsbench.run.execution.local import EXECUTORS
 from tsbench.run.listener import KNOWN, make_listener
 from tsbench.run.log.folder import TABLES_TEXT
 from tsbench.run.options import LEAST_MEMORY_MB, Options

@@ -39,7 +39,7 @@ def _register(name: str, types: str | None) -> None:
             gymnasium.register(
                 versioned,
                 entry_point="tsbench.envs.drive:DriveEnv",
-                vector_entry_point="tsbench.envs.several:drive_in_processes",
+                vector_entry_point="tsbench.envs.drive:drive_in_processes",
                 max_episode_steps=MAX_STEPS,
                 kwargs={"types": types, **defaults},
             )

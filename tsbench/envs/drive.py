@@ -1,30 +1,31 @@
 """`tsbench/Drive-v1`: scenarios as a Gymnasium environment, driven by the code of `tsbench run`.
 
 libsumo holds one simulation per process, so one environment per process drives at a time: use AsyncVectorEnv or
-Stable-Baselines3's SubprocVecEnv for several.
+Stable-Baselines3's SubprocVecEnv for several. `Curriculum` says which scenarios it draws, and when.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
+from gymnasium.vector import AsyncVectorEnv
+from gymnasium.wrappers import TimeLimit
 
 from tsbench.core.errors import InputError, SimulationError
 from tsbench.core.paths import check_driven, city_in_use, driven_city, expanded_text, using_city
 from tsbench.core.typed import typed
-from tsbench.envs.actions import PLAIN
-from tsbench.envs.encoders import KINDS
+from tsbench.envs.encoders import KINDS, PLAIN
 from tsbench.envs.exits import EXIT, ExitAction
 from tsbench.envs.reward import SIGNS, RewardSpec, RouteReward
-from tsbench.episode.outcome import Outcome
+from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.perception_level import EXACT, Perception, load_level
-from tsbench.episode.result import EpisodeResult
 from tsbench.metrics.episode_metrics import is_scd, route_completion
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Control, Observation, PlannerContext
@@ -38,6 +39,7 @@ from tsbench.signs.catalog import load_catalog
 
 if TYPE_CHECKING:
     from tsbench.envs.view import View
+
 
 # Times that a row of a type in `more` is in the draw.
 _MORE = 3
@@ -306,3 +308,41 @@ def _verdict(result: EpisodeResult) -> dict[str, Any]:
         "route_completion": route_completion(facts, tracks_of(facts.snapshots)),
         "at_fault": facts.contact is not None and facts.contact.at_fault,
     }
+
+
+def drive_in_processes(
+    num_envs: int = 1, max_episode_steps: int | None = None, **options: Any
+) -> AsyncVectorEnv:
+    """libsumo has one simulation per process, so a vector of environments in one process could not drive."""
+    return AsyncVectorEnv([partial(_one, max_episode_steps, options)] * num_envs, context="spawn")
+
+
+def _one(steps: int | None, options: Mapping[str, Any]) -> gymnasium.Env[Any, Any]:
+    env = DriveEnv(**options)
+    return env if steps is None else TimeLimit(env, steps)
+
+
+class Curriculum(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """stages: (episodes, options of `reset`) in order; the last stage holds for good, whatever its number."""
+
+    def __init__(self, env: gymnasium.Env[Any, Any], stages: Sequence[tuple[int, Mapping[str, Any]]]) -> None:
+        super().__init__(env)
+        if not stages or any(episodes < 1 for episodes, _ in stages):
+            raise InputError("curriculum: expected at least one stage, each of at least one episode")
+        self._stages, self._begun = tuple(stages), 0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """As the environment's; what is asked for here goes before what the stage asks for."""
+        asked = {**self._stage(), **(options or {})}
+        self._begun += 1
+        return self.env.reset(seed=seed, options=asked)
+
+    def _stage(self) -> Mapping[str, Any]:
+        left = self._begun
+        for episodes, options in self._stages[:-1]:
+            if left < episodes:
+                return options
+            left -= episodes
+        return self._stages[-1][1]

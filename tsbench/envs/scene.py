@@ -16,10 +16,9 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from tsbench.core.errors import InputError
-from tsbench.envs.plates import ADDRESSED, MAIN_ROAD, AddressedLanes, main_road
+from tsbench.envs.objects import ADDRESSED, MAIN_ROAD, AddressedLanes, main_road
 from tsbench.planners.base import Observation, PlannerContext
-from tsbench.roads.lane_graph import MapGraph
-from tsbench.roads.shortest_ways import shortest_ways
+from tsbench.roads.lane_graph import MapGraph, shortest_ways
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.model import OUTLINES
 from tsbench.sim.ego import MAX_STEER_RAD

@@ -17,7 +17,7 @@ import gymnasium
 import numpy as np
 
 from tsbench.envs import DRIVE
-from tsbench.envs.several import drive_in_processes
+from tsbench.envs.drive import drive_in_processes
 
 BLOCK = 500
 ONWARD = (0.05, 0.0)

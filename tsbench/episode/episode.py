@@ -8,8 +8,7 @@ from collections.abc import Callable, Generator, Sequence
 from tsbench.core.errors import PlannerOutputError, SimulationError
 from tsbench.episode.command import Plan, to_command, to_plan
 from tsbench.episode.observation import Observer, destination_on_map, ego_on_map
-from tsbench.episode.outcome import EpisodeFacts, Outcome, TerminationCheck
-from tsbench.episode.phase import Phase
+from tsbench.episode.outcome import EpisodeFacts, Outcome, Phase, TerminationCheck
 from tsbench.planners.base import Control, Observation, Trajectory
 from tsbench.rules.monitors import make_monitors
 from tsbench.scenarios.scene_loader import Roads

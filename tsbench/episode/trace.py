@@ -26,9 +26,8 @@ from tsbench.core.text import one_line
 from tsbench.core.typed import typed
 from tsbench.episode.command import Plan
 from tsbench.episode.observation import destination_on_map, ego_on_map
-from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome, counted_against
+from tsbench.episode.outcome import Contact, EpisodeFacts, EpisodeResult, Outcome, counted_against
 from tsbench.episode.perception import SignDetection
-from tsbench.episode.result import EpisodeResult
 from tsbench.episode.trace_columns import PLAN, SCHEMA, plan_of_each_tick, plans_of, snapshots_of, table_of
 from tsbench.geometry.polyline import Array
 from tsbench.roads.planner_map import PlannerMap

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
+
+from confusable_homoglyphs.confusables import confusables_data
 
 from tsbench.core.errors import InputError
 from tsbench.core.paths import using_city
 from tsbench.core.provenance import digest
 from tsbench.core.textfile import read_json
-from tsbench.leaderboard.lookalikes import skeleton
 from tsbench.leaderboard.submission import KIND as SUBMISSION
 from tsbench.leaderboard.submission import Figure, Submission, figures_of, read_submission
 from tsbench.leaderboard.verify import KIND as VERIFICATION
@@ -189,3 +191,23 @@ def _check(path: Path, submission: Submission) -> bool:
             f"{path}: its figures do not follow from its episodes ({wrong}): it is no submission of tsbench"
         )
     return True
+
+
+def skeleton(name: str) -> str:
+    """Equal for names that readers take for one another; for comparison only."""
+    return "".join(map(_plainest, unicodedata.normalize("NFD", name)))
+
+
+@cache
+def _plainest(character: str) -> str:
+    """What stands for all characters that look like this one."""
+    alike = _alike(character)
+    # A character that has many is the one that stands for them.
+    if len(alike) != 1:
+        return character
+    (other,) = alike
+    return other if len(_alike(other)) > 1 else min(character, other)
+
+
+def _alike(character: str) -> list[str]:
+    return [str(one["c"]) for one in confusables_data.get(character, ())]

@@ -23,7 +23,7 @@ from tsbench.run import arithmetic
 from tsbench.run.contract import code_is_local, contract_hash
 from tsbench.run.edition import LOCAL, edition_of, standing_contract
 from tsbench.run.execution.executor import Limits
-from tsbench.run.execution.factory import make_executor
+from tsbench.run.execution.local import make_executor
 from tsbench.run.execution.messages import ISOLATED_ALONE, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.isolation.loading import changed_files, describe

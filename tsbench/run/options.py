@@ -13,7 +13,7 @@ from tsbench.core.paths import OWN_CITY, city_in_use
 from tsbench.episode.perception_level import EXACT, Perception
 from tsbench.planners.common.batching import DEVICES
 from tsbench.run.execution.executor import Limits
-from tsbench.run.execution.factory import EXECUTORS
+from tsbench.run.execution.local import EXECUTORS
 from tsbench.run.execution.messages import RUNNER
 from tsbench.run.log.manifest import plain_perception
 from tsbench.run.plan import BOTH, TRACES, Request, RunPlan
@@ -25,7 +25,7 @@ LEAST_MEMORY_MB = 512
 @dataclass(frozen=True)
 class Options:
     """Everything that `tsbench run` takes. workers: processes, None = one for each core. out: None = a name below
-    `runs/`. executor: one of `factory.EXECUTORS`.
+    `runs/`. executor: one of `local.EXECUTORS`.
 
     perception: a level's name or file.
     isolate: planners in processes of their own; image: in containers of this image.

@@ -20,7 +20,7 @@ from tsbench.episode.perception_level import Perception, load_level
 from tsbench.run.contract import code_stamps, contract_hash
 from tsbench.run.edition import LOCAL, edition_here, standing_contract
 from tsbench.run.execution.executor import Executor
-from tsbench.run.execution.factory import make_executor
+from tsbench.run.execution.local import make_executor
 from tsbench.run.execution.messages import ISOLATED, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.listener import Listener, Started

@@ -10,9 +10,8 @@ from functools import cache
 
 import numpy as np
 
-from tsbench.episode.outcome import EpisodeFacts, Outcome
+from tsbench.episode.outcome import EpisodeFacts, EpisodeResult, Outcome
 from tsbench.episode.perception_level import EXACTLY, Perception
-from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeLoop, EpisodeSteps
 from tsbench.episode.trace import Trace
 from tsbench.episode.trace_columns import plan_of_each_tick

@@ -22,7 +22,7 @@ from typing import Final
 
 import numpy as np
 
-from tsbench.episode.phase import Phase
+from tsbench.episode.outcome import Phase
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.metrics.episode_metrics import episode_metrics
 from tsbench.planners.common.batching import Infer, Records

@@ -13,7 +13,7 @@ import numpy as np
 
 from tsbench.core.errors import InputError
 from tsbench.core.text import fault_in_name
-from tsbench.episode.result import EpisodeResult
+from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.check import Finding, Level
 from tsbench.planners.registry import comes_with_tsbench

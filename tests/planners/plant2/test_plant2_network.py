@@ -13,8 +13,13 @@ from training_helpers import fresh_tuned
 from tsbench.core.errors import InputError
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.engine import Plant2Engine, target_speed_of
-from tsbench.planners.plant2.network import Plant2FtNetwork, Plant2Network
-from tsbench.planners.plant2.parts import PUBLISHED_ADDED, PUBLISHED_MEDIUM, parts
+from tsbench.planners.plant2.network import (
+    PUBLISHED_ADDED,
+    PUBLISHED_MEDIUM,
+    Plant2FtNetwork,
+    Plant2Network,
+    parts,
+)
 from tsbench.planners.plant2.planner import Plant2
 from tsbench.planners.plant2.planner_ft import Plant2Ft
 from tsbench.planners.plant2.torch_inference import inference, network_of, tensors

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from patience import HANG_S
 
-from tsbench.run.isolation.printed import Printed
+from tsbench.run.isolation.process import Printed
 
 PRINTS = """
 import os, sys

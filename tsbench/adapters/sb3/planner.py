@@ -12,14 +12,12 @@ import numpy.typing as npt
 from gymnasium.spaces.utils import flatdim, flatten
 
 from tsbench.core.errors import InputError
-from tsbench.envs.actions import PLAIN
-from tsbench.envs.encoders import KINDS
+from tsbench.envs.encoders import KINDS, PLAIN
 from tsbench.envs.exits import EXIT, ExitAction
 from tsbench.geometry.elementary import exp
 from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.planners.common.convolution import LARGEST, rectified
+from tsbench.planners.common.convolution import LARGEST, Parameters, rectified
 from tsbench.planners.common.fixed_point import BITS, Linear, snap, tanh
-from tsbench.planners.common.parameters import Parameters
 from tsbench.planners.common.quantiles import normal_quantile
 from tsbench.planners.weights import Tensors, fitted, network
 

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from tsbench.run.execution.child import ONE_THREAD
+from tsbench.core.machine import ONE_THREAD
 
 
 @contextmanager

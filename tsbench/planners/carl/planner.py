@@ -14,9 +14,8 @@ from tsbench.geometry.polyline import Array
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.carl.raster import CHANNELS, MEASUREMENTS, PIXELS, RasterEncoder
 from tsbench.planners.common.batching import Infer, Records, check_device
-from tsbench.planners.common.convolution import LARGEST, Convolution, rectified
+from tsbench.planners.common.convolution import LARGEST, Convolution, Parameters, rectified
 from tsbench.planners.common.fixed_point import BITS, Linear, snap
-from tsbench.planners.common.parameters import Parameters
 from tsbench.planners.common.quantiles import beta_quantile
 from tsbench.planners.rl.base import ACTIONS, DRAW, LearnedPlanner
 from tsbench.planners.weights import Tensors, fitted

@@ -6,6 +6,7 @@ not depend on the others of its batch, to the bit: no batch statistics, and smal
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import cast
@@ -15,6 +16,7 @@ from torch import Tensor, nn
 
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.sizes import PATH, QUERIES, SIZES, SPEED, TILE, TILE_FEATURES, WAYPOINT
+from tsbench.planners.plant2.vocabulary import vocabulary_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,3 +246,38 @@ class Plant2FtNetwork(Plant2Network):
         base = super().plan(x)
         token = x[:, self.front : self.front + 1]
         return NetworkPlan(base.path, base.waypoints, per_sample(self.ego_speed_head, token)[:, 0], None)
+
+
+PUBLISHED_MEDIUM = 37_200_000
+PUBLISHED_ADDED = 147_976
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A part of a network: its count, and the published one as it was written ("" where none was)."""
+
+    name: str
+    parameters: int
+    published: str = ""
+
+
+def parts(size: str) -> list[Part]:
+    """Parts of `plant2` and of what `plant2-ft` adds, each with its sum."""
+    words = vocabulary_of()
+    base = _counts(Plant2Network(size))
+    tuned = _counts(Plant2FtNetwork(size, len(words.codes)))
+    of_medium = size == "medium"
+    added = tuned.total() - base.total() - tuned["ways"]
+    return [
+        *(Part(name, count) for name, count in base.items()),
+        Part("plant2", base.total(), "37.2 M" if of_medium else ""),
+        *(Part(f"+ {name}", count) for name, count in tuned.items() if name not in base),
+        Part("added by plant2-ft but ways", added, f"{PUBLISHED_ADDED:,}" if of_medium else ""),
+    ]
+
+
+def _counts(net: Plant2Network) -> Counter[str]:
+    found: Counter[str] = Counter()
+    for name, parameter in net.named_parameters():
+        found[name.partition(".")[0]] += parameter.numel()
+    return found

@@ -10,8 +10,8 @@ import numpy as np
 from tsbench.geometry.elementary import exp
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.common.batching import Infer, Records
+from tsbench.planners.common.convolution import Parameters
 from tsbench.planners.common.fixed_point import Linear, snap, tanh
-from tsbench.planners.common.parameters import Parameters
 from tsbench.planners.common.quantiles import normal_quantile
 from tsbench.planners.ppo.vector import SIZE, VectorEncoder
 from tsbench.planners.rl.base import ACTIONS, DRAW, LearnedPlanner

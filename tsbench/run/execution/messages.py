@@ -42,7 +42,7 @@ class Setup:
     split: str
     contract: str
     runner: str = RUNNER
-    recorder: str = "tsbench.run.log.score:make_record"
+    recorder: str = "tsbench.run.log.record:make_record"
     options: Mapping[str, Any] = field(default_factory=dict)
     loader: str = ""
     hidden: tuple[str, ...] = ()

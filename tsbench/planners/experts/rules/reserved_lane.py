@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from tsbench.planners.base import Observation, PlannerContext, Privilege
-from tsbench.planners.common.gap_acceptance import gap_free
+from tsbench.planners.common.lane_change import gap_free
 from tsbench.planners.common.swept_path import HALF_LENGTH_M
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
 from tsbench.roads.lane_graph import MapGraph, RoutePath
