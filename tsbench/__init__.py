@@ -13,9 +13,9 @@ if TYPE_CHECKING:
     from tsbench.api.drive import Drive as Drive
     from tsbench.api.drive import drive as drive
     from tsbench.api.evaluate import evaluate as evaluate
-    from tsbench.api.run import Run as Run
-    from tsbench.api.run import load_run as load_run
-    from tsbench.api.scenarios import load_scenarios as load_scenarios
+    from tsbench.api.loaded_run import Run as Run
+    from tsbench.api.loaded_run import load_run as load_run
+    from tsbench.api.scenario_list import load_scenarios as load_scenarios
     from tsbench.planners.base import Control as Control
     from tsbench.planners.base import Observation as Observation
     from tsbench.planners.base import Planner as Planner
@@ -46,15 +46,15 @@ _PUBLIC = {
     "PlannerContext": "tsbench.planners.base",
     "RoadAhead": "tsbench.planners.helpers",
     "RouteLine": "tsbench.planners.geometry",
-    "Run": "tsbench.api.run",
+    "Run": "tsbench.api.loaded_run",
     "Trajectory": "tsbench.planners.base",
     "drive": "tsbench.api.drive",
     "evaluate": "tsbench.api.evaluate",
     "lane_bounds": "tsbench.planners.geometry",
     "lane_polygon": "tsbench.planners.geometry",
     "line_ahead": "tsbench.planners.helpers",
-    "load_run": "tsbench.api.run",
-    "load_scenarios": "tsbench.api.scenarios",
+    "load_run": "tsbench.api.loaded_run",
+    "load_scenarios": "tsbench.api.scenario_list",
     "pursue_route": "tsbench.planners.common.lane_change",
     "route_lanes": "tsbench.planners.geometry",
     "route_line": "tsbench.planners.geometry",

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsbench.envs.drive import DriveEnv
+from tsbench.envs.drive_env import DriveEnv
 from tsbench.envs.encoders import cruise
 from tsbench.planners.rl.actions import accelerate, aim
 

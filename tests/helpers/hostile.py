@@ -498,7 +498,7 @@ def drive(place: str, scenario: str, *names: str) -> None:
 
     from tsbench.episode.runner import EpisodeRunner
     from tsbench.planners.registry import resolve
-    from tsbench.run.isolation.loading import load
+    from tsbench.run.isolation.isolated_loading import load
     from tsbench.run.log import record as log
     from tsbench.run.planner_info import PlannerInfo
     from tsbench.scenarios.scene_loader import SceneLoader

@@ -75,7 +75,7 @@ def save_ppo(folder: Path) -> Path:
 def save_carl(folder: Path) -> Path:
     import torch
 
-    from tsbench.planners.carl.network import CarlActor
+    from tsbench.planners.carl.carl_network import CarlActor
 
     torch.manual_seed(0)
     save_weights("carl", folder, {k: v.numpy() for k, v in CarlActor().state_dict().items()}, {})

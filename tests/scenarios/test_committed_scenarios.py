@@ -20,7 +20,7 @@ from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.dataset.scenes.split import split_pool
 from tsbench.dataset.scenes.variants import variants_of
 from tsbench.dataset.scenes.verify import verify_pairs, verify_rows, verify_split
-from tsbench.learn.codes import plates_of
+from tsbench.learn.code_counts import plates_of
 from tsbench.run.edition import editions
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
 from tsbench.scenarios.map_pool import PoolRow, pool_file, read_pool

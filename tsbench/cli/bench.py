@@ -121,7 +121,7 @@ def _networks(json_path: Path | None) -> None:
 
 
 def _environment(rounds: int, json_path: Path | None) -> None:
-    from tsbench.envs.speed import BLOCK, rates_of, vectorised
+    from tsbench.envs.env_speed import BLOCK, rates_of, vectorised
 
     goals = {"vector": 1500, "scene": 800}
     figures = {kind: (*rates_of(kind, rounds * BLOCK), vectorised(kind, rounds * BLOCK)) for kind in goals}

@@ -18,7 +18,7 @@ from tsbench.core.paths import using_city
 from tsbench.core.streams import progress_console
 
 if TYPE_CHECKING:
-    from tsbench.leaderboard.verify import Verification
+    from tsbench.leaderboard.verification import Verification
 
 
 @click.command()
@@ -106,8 +106,8 @@ def verify(
     Exit status 1 where it is refuted, 3 where the verdicts are equal and the bytes cannot be compared.
     """
     from tsbench.leaderboard.claim import claim_of, claims_of
-    from tsbench.leaderboard.verify import ClaimVerdict
-    from tsbench.leaderboard.verify import verify as run_verify
+    from tsbench.leaderboard.verification import ClaimVerdict
+    from tsbench.leaderboard.verification import verify as run_verify
     from tsbench.run.isolation.image import image_of, in_image
 
     claims = claims_of(claimed) if claimed.is_dir() else [claim_of(claimed)]

@@ -50,7 +50,7 @@ def list_planners(parts: bool) -> None:
 
 
 def _print_parts() -> None:
-    from tsbench.planners.plant2.network import parts  # brings torch
+    from tsbench.planners.plant2.plant2_network import parts  # brings torch
 
     rows = [
         (large.name, f"{small.parameters:,}", f"{large.parameters:,}", large.published or "-")

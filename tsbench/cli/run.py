@@ -19,9 +19,9 @@ from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import EXECUTORS
 from tsbench.run.listener import KNOWN, make_listener
 from tsbench.run.log.folder import TABLES_TEXT
-from tsbench.run.options import LEAST_MEMORY_MB, Options
 from tsbench.run.plan import BOTH, TRACES, VARIANTS, WHICH_HALVES, Request
-from tsbench.run.progress import ProgressWatcher
+from tsbench.run.run_options import LEAST_MEMORY_MB, Options
+from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import RunResult
 from tsbench.run.session import run as run_session
 

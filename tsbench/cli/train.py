@@ -80,8 +80,8 @@ def carl(**asked: Any) -> None:
 
 
 def _train(planner: str, out: Path, **asked: Any) -> None:
-    from tsbench.learn.rl.config import Job
-    from tsbench.learn.rl.train import train as learn  # brings torch
+    from tsbench.learn.rl.ppo_config import Job
+    from tsbench.learn.rl.ppo_training import train as learn  # brings torch
 
     job = Job(planner, out, **asked)
     # Its processes read the rows themselves; what they lack is said before they start.
@@ -182,8 +182,8 @@ def plant2_ft(device: str, workers: int, cache_gb: float, out: Path, **asked: An
 @_lessons(drives=290, out="runs/frames")
 def frames(workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
     """What plant2-ft is shown: counts, targets, and ten frames of each group as pictures."""
+    from tsbench.learn.finetune.drives_report import report
     from tsbench.learn.finetune.recipe import finetune_drives
-    from tsbench.learn.finetune.report import report
 
     recipe, rows = _recipe(**asked)
     for path in report(
@@ -215,7 +215,7 @@ def _recipe(
 @options.out("Where the counts go.", "runs/codes.csv", type=options.FILE)
 def codes(out: Path) -> None:
     """Which plates stand in signed and in contrast halves of the train split: all that the floor codes knows."""
-    from tsbench.learn.codes import count, write_counts
+    from tsbench.learn.code_counts import count, write_counts
 
     write_counts(count(_train_rows(())), out)
     click.echo(out)

@@ -14,7 +14,7 @@ import numpy as np
 from gymnasium import spaces
 
 from tsbench.envs.objects import ObjectsSeen
-from tsbench.envs.scene import SceneSeen
+from tsbench.envs.scene_seen import SceneSeen
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.ppo.vector import SIZE, VectorEncoder
 from tsbench.planners.rl.actions import ACTIONS, Act, accelerate, aim

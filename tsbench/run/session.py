@@ -30,15 +30,15 @@ from tsbench.run.log.manifest import marks_of, new_manifest, planners_of
 from tsbench.run.log.record import Record, Row
 from tsbench.run.log.tables import read_table, write_tables
 from tsbench.run.opened_files import what_is_unseen
-from tsbench.run.options import Options
 from tsbench.run.plan import Request, make_plan
 from tsbench.run.planner_info import PlannerInfo
+from tsbench.run.run_options import Options
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog
 
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
-    from tsbench.run.isolation.loading import SandboxedPlanner
+    from tsbench.run.isolation.isolated_loading import SandboxedPlanner
 
 
 class ProgressListener(Protocol):
@@ -148,7 +148,7 @@ def _changed_meanwhile(
     code: Mapping[Path, tuple[int, int]], planners: Sequence[PlannerInfo], folder: RunFolder
 ) -> InputError | None:
     """The message where tsbench's code or a planner's changed during the run. code: `code_stamps` at its start."""
-    from tsbench.run.isolation.loading import check_unchanged_now  # brings networks of roads
+    from tsbench.run.isolation.isolated_loading import check_unchanged_now  # brings networks of roads
 
     if code_stamps() != code:
         folder.manifest["edition"] = f"{folder.manifest['edition'].removesuffix(LOCAL)}{LOCAL}"
@@ -181,7 +181,7 @@ def probe(pool: Executor, request: Request, device: str = "cpu") -> tuple[Planne
 
 def probe_isolated(request: Request, hidden: Sequence[str]) -> list[SandboxedPlanner]:
     """The same without a line of their code here, with what of their sandboxes took effect."""
-    from tsbench.run.isolation.loading import describe  # brings networks of roads
+    from tsbench.run.isolation.isolated_loading import describe  # brings networks of roads
 
     return [describe(spec, [Path(place) for place in hidden]) for spec in request.planners]
 

@@ -28,7 +28,7 @@ from tsbench.metrics.episode_metrics import episode_metrics
 from tsbench.planners.common.batching import Infer, Records
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run.execution.fresh_episode import run_in_child
-from tsbench.run.isolation.loading import describe, load
+from tsbench.run.isolation.isolated_loading import describe, load
 from tsbench.run.isolation.sandbox_paths import EXECUTABLE
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec

@@ -29,7 +29,7 @@ from tsbench.learn.imitation.task import batches_of, imitation
 from tsbench.learn.imitation.trainer import rate_at, train, trimmed
 from tsbench.learn.rows import read_rows
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.network import Plant2Network
+from tsbench.planners.plant2.plant2_network import Plant2Network
 from tsbench.planners.weights import load_weights
 from tsbench.scenarios.spec import HALVES, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tsbench.adapters.second_judge.monitor import SPEED, STOP, ExportedDrive, Reading
+from tsbench.adapters.second_judge.commonroad_monitor import SPEED, STOP, ExportedDrive, Reading
 from tsbench.core.errors import InputError
 from tsbench.episode.trace import read_trace
 from tsbench.report.analyses.analysis import markdown_row

@@ -9,7 +9,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.network import NetworkPlan
+from tsbench.planners.plant2.plant2_network import NetworkPlan
 
 # So that no term drowns the others: a good path is wrong by centimetres, a good speed still by a quarter of a nat.
 WEIGHTS = {"path": 1.0, "waypoints": 0.5, "speed": 0.5, "forecast": 0.2}

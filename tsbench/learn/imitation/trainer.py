@@ -30,7 +30,7 @@ from tsbench.learn.imitation.task import ImitationTask
 from tsbench.learn.rows import add_row
 from tsbench.learn.start import command_line, prepare
 from tsbench.planners.plant2.layout import Records
-from tsbench.planners.plant2.network import Plant2Network
+from tsbench.planners.plant2.plant2_network import Plant2Network
 from tsbench.planners.plant2.torch_inference import tensors
 from tsbench.planners.weights import Network, network, save_weights
 

@@ -60,7 +60,7 @@ class ObstacleFilter:
 
 # By kind of rule: the constraint in the file of its name.
 CONSTRAINTS: Mapping[str, Callable[[PlannerContext, Privilege], RuleConstraint]] = load_rule_classes(
-    import_all("tsbench.planners.experts.rules"), RuleConstraint
+    import_all("tsbench.planners.experts.rules"), RuleConstraint, "_constraint"
 )
 
 _BRAKE_MPS2 = 2.0

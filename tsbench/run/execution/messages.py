@@ -19,8 +19,8 @@ from tsbench.run.planner_info import PlannerInfo
 M = TypeVar("M")
 
 RUNNER = "tsbench.episode.runner:EpisodeRunner"
-ISOLATED = "tsbench.run.isolation.loading:load"
-ISOLATED_ALONE = "tsbench.run.isolation.loading:load_alone"
+ISOLATED = "tsbench.run.isolation.isolated_loading:load"
+ISOLATED_ALONE = "tsbench.run.isolation.isolated_loading:load_alone"
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from tsbench.core.errors import InputError
 from tsbench.run.execution.own_folder import SANDBOX, OwnFolder
-from tsbench.run.isolation.files import PlannerFiles
+from tsbench.run.isolation.planner_files import PlannerFiles
 from tsbench.run.isolation.sandbox import asked
 from tsbench.run.isolation.sandbox_paths import (
     EXECUTABLE,

@@ -19,8 +19,8 @@ from tsbench.planners.base import Control, Observation, PlannerContext, Trajecto
 from tsbench.run.isolation import protocol
 from tsbench.run.isolation.commands import read_command
 from tsbench.run.isolation.episode_messages import Encoder
-from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import Container, image_of
+from tsbench.run.isolation.planner_files import PlannerFiles
 from tsbench.run.isolation.protocol import ProtocolError
 from tsbench.run.isolation.sandbox import Sandbox
 

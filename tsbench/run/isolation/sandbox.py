@@ -23,7 +23,7 @@ from typing import Any, Final, NamedTuple
 from tsbench.core.errors import InputError
 from tsbench.core.text import one_line
 from tsbench.run.isolation.control_group import ControlGroup
-from tsbench.run.isolation.files import PlannerFiles
+from tsbench.run.isolation.planner_files import PlannerFiles
 from tsbench.run.isolation.sandbox_paths import (
     LIMITS,
     MEMORY_BYTES,

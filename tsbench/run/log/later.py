@@ -72,7 +72,7 @@ class Later:
 
     def _of(self, planner: str) -> _Told:
         if planner not in self._told:
-            from tsbench.run.isolation.loading import files_place  # brings networks of roads
+            from tsbench.run.isolation.isolated_loading import files_place  # brings networks of roads
 
             try:
                 place = files_place(self._planners[planner].spec)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tsbench.planners.base import Privilege
-from tsbench.planners.experts.rules.manoeuvre import ManoeuvreConstraint
+from tsbench.planners.experts.rules.manoeuvre_constraint import ManoeuvreConstraint
 from tsbench.roads.lane_graph import MapGraph, Turn
 
 

@@ -17,8 +17,8 @@ from tsbench.core.provenance import digest
 from tsbench.core.textfile import read_json
 from tsbench.leaderboard.submission import KIND as SUBMISSION
 from tsbench.leaderboard.submission import Figure, Submission, figures_of, read_submission
-from tsbench.leaderboard.verify import KIND as VERIFICATION
-from tsbench.leaderboard.verify import ClaimVerdict, Verification, read_verification
+from tsbench.leaderboard.verification import KIND as VERIFICATION
+from tsbench.leaderboard.verification import ClaimVerdict, Verification, read_verification
 from tsbench.metrics.scd_records import PAIRED, SIGNED_ONES
 from tsbench.planners.registry import comes_with_tsbench
 from tsbench.run.contract import contract_hash

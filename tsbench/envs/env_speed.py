@@ -1,4 +1,4 @@
-"""How fast the environment is here: `python -m tsbench.envs.speed [vector|bev|objects|scene|plates] [steps]`.
+"""How fast the environment is here: `python -m tsbench.envs.env_speed [vector|bev|objects|scene|plates] [steps]`.
 
 Seconds are the processes' own on the CPU, so that other work on the machine counts as little as may be. The ego follows
 its route; episodes are drawn from the test split, their starts are told apart, but where environments are several.
@@ -17,7 +17,7 @@ import gymnasium
 import numpy as np
 
 from tsbench.envs import DRIVE
-from tsbench.envs.drive import drive_in_processes
+from tsbench.envs.drive_env import drive_in_processes
 
 BLOCK = 500
 ONWARD = (0.05, 0.0)

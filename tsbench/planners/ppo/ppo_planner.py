@@ -14,7 +14,7 @@ from tsbench.planners.common.convolution import Parameters
 from tsbench.planners.common.fixed_point import Linear, snap, tanh
 from tsbench.planners.common.quantiles import normal_quantile
 from tsbench.planners.ppo.vector import SIZE, VectorEncoder
-from tsbench.planners.rl.base import ACTIONS, DRAW, LearnedPlanner
+from tsbench.planners.rl.two_actions import ACTIONS, DRAW, LearnedPlanner
 from tsbench.planners.weights import Tensors, fitted
 
 WEIGHTS = "ppo"

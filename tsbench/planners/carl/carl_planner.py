@@ -17,7 +17,7 @@ from tsbench.planners.common.batching import Infer, Records, check_device
 from tsbench.planners.common.convolution import LARGEST, Convolution, Parameters, rectified
 from tsbench.planners.common.fixed_point import BITS, Linear, snap
 from tsbench.planners.common.quantiles import beta_quantile
-from tsbench.planners.rl.base import ACTIONS, DRAW, LearnedPlanner
+from tsbench.planners.rl.two_actions import ACTIONS, DRAW, LearnedPlanner
 from tsbench.planners.weights import Tensors, fitted
 
 _FULL = 255
@@ -111,7 +111,7 @@ def _by_torch(weights: Tensors, device: str) -> Callable[[Records], Array]:
     import torch
 
     check_device(device)
-    from tsbench.planners.carl.network import CarlActor
+    from tsbench.planners.carl.carl_network import CarlActor
 
     net = CarlActor()
     net.load_state_dict({key: torch.from_numpy(np.array(value)) for key, value in weights.items()})

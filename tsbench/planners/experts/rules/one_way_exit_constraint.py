@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tsbench.planners.experts.rules.manoeuvre import ManoeuvreConstraint
+from tsbench.planners.experts.rules.manoeuvre_constraint import ManoeuvreConstraint
 
 
 class OneWayExitConstraint(ManoeuvreConstraint):

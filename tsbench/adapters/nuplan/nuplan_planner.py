@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from tsbench.adapters.nuplan.maps import NuPlanMap
+from tsbench.adapters.nuplan.nuplan_map import NuPlanMap
 from tsbench.adapters.nuplan.states import (
     HALF_BASE_M,
     DetectionsTracks,

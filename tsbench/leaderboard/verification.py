@@ -26,7 +26,7 @@ from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import make_executor
 from tsbench.run.execution.messages import ISOLATED_ALONE, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
-from tsbench.run.isolation.loading import changed_files, describe
+from tsbench.run.isolation.isolated_loading import changed_files, describe
 from tsbench.run.log.manifest import machine
 from tsbench.run.log.record import Record
 from tsbench.run.planner_info import PlannerInfo

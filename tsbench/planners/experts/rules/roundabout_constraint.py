@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tsbench.planners.base import PlannerContext, Privilege
-from tsbench.planners.experts.rules.give_way import GiveWayConstraint
+from tsbench.planners.experts.rules.give_way_constraint import GiveWayConstraint
 from tsbench.signs.plate_params import RoundaboutParams
 
 

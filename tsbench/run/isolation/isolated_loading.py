@@ -15,8 +15,8 @@ from tsbench.core.provenance import closure, digest
 from tsbench.planners.registry import EXPERT, LoadedPlanner, entry, in_package, is_own
 from tsbench.planners.weights import file_of
 from tsbench.run import opened_files
-from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import image_of
+from tsbench.run.isolation.planner_files import PlannerFiles
 from tsbench.run.isolation.process import IsolatedPlanner, PlannerProcess
 from tsbench.run.isolation.sandbox_paths import EXECUTABLE, module_file, source_of, source_places
 from tsbench.run.planner_info import PlannerInfo, changed, check_unchanged

@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tsbench.api.frames import comparison_frame, episodes_frame, flips_frame, frame_of, summary_frame
+from tsbench.api.figure_frames import comparison_frame, episodes_frame, flips_frame, frame_of, summary_frame
 from tsbench.api.words import keywords
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
