@@ -118,7 +118,7 @@ def load_catalog(root: Path | None = None) -> Catalog:
     """Read and check the whole catalogue; the same root is read once per process.
 
     root: its folder; by default `sign_catalog/` of the data. Where the data set in use keeps to the left, signs have
-    the rules of their mirror images (`signs.mirror`). Raises InputError, one line: file, key, what is wrong.
+    the rules of their mirror images (`mirrored_signs`). Raises InputError, one line: file, key, what is wrong.
     """
     found = (data_file("sign_catalog") if root is None else root).resolve()
     return _left_hand(found) if left_hand_in_use() else _load(found)

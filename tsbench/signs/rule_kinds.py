@@ -113,7 +113,7 @@ Part = TypeVar("Part")
 def load_rule_classes(
     modules: Mapping[str, ModuleType], base: type[Part], suffix: str = ""
 ) -> Mapping[str, type[Part]]:
-    """For each kind the subclass of `base` that the module of its name and `suffix` defines; others are helpers of these.
+    """For each kind the subclass of `base` in the module of its name and `suffix`; other modules are helpers of these.
 
     Raises ValueError for a kind without a module, and for a module of a kind that defines none, or several.
     """
