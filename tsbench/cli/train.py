@@ -61,7 +61,7 @@ def _reinforcement(steps: int, out: str) -> Option:
             help="Rollouts of imitation before that, those of earlier sessions included. Default: the planner's.",
         ),
         _rate(None, "Learning rate that this session begins with; it falls to a tenth. Default: the planner's."),
-        options.more, options.seed, options.types, options.device, _out(out),
+        several(options.more, options.seed, options.types, options.device, _out(out)),
     )  # fmt: skip
 
 
@@ -124,10 +124,10 @@ def plant2(
 def _lessons(drives: int, out: str) -> Option:
     """The options that say which drives are learned from, and with what."""
     return several(
-        options.trajectories,
-        options.planners("Expert that drives anew instead, in turn"),
-        _count("--drives", drives, "To learn from, types in turn; 0: all.", least=0),
-        options.more,
+        several(
+            options.trajectories, options.planners("Expert that drives anew instead, in turn"),
+            _count("--drives", drives, "To learn from, types in turn; 0: all.", least=0), options.more,
+        ),
         click.option(
             "--student", type=options.FOLDER, metavar="DIR",
             help="Folder of plant2-ft's weights that begin a share of the drives; --demonstrator ends them.",
@@ -151,7 +151,7 @@ def _lessons(drives: int, out: str) -> Option:
         click.option(
             "--perceived", default=0.3, show_default=True, type=click.FloatRange(0.0, 1.0), help="That share."
         ),
-        options.types, options.seed, options.workers, _cache_gb, _out(out),
+        several(options.types, options.seed, options.workers, _cache_gb, _out(out)),
     )  # fmt: skip
 
 

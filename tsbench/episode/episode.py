@@ -71,7 +71,8 @@ class Episode:
         m = self.motion
         lane, s, d, on_road = self.roads.locator.locate(m.x, m.y, m.heading, last)
         return EgoState(
-            m.x, m.y, m.heading, m.speed, m.acceleration, m.steering, m.yaw_rate, lane, s, d, on_road
+            x=m.x, y=m.y, heading=m.heading, speed=m.speed, acceleration=m.acceleration, steering=m.steering,
+            yaw_rate=m.yaw_rate, lane=lane, s=s, d=d, on_road=on_road,
         )  # fmt: skip
 
     def _record_snapshot(self, step: int) -> bool:

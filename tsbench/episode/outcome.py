@@ -17,7 +17,7 @@ from tsbench.rules.monitor import Monitor, Verdict, Violation
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Obstacle, Scene
-from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, Actors, EgoState, WorldSnapshot
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, Actors, EgoState, WorldSnapshot, ego_box
 
 _EGO_RADIUS_M = math.hypot(EGO_LENGTH_M, EGO_WIDTH_M) / 2
 
@@ -29,9 +29,7 @@ def touched_actor(ego: EgoState, actors: Actors) -> int:
     reach = actors.table.longest * 0.5 + 1.5 + _EGO_RADIUS_M
     for k, box in enumerate(actors.boxes):
         dx, dy = box[0] - ex, box[1] - ey
-        if dx * dx + dy * dy < reach * reach and boxes_overlap(
-            ex, ey, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M, *box
-        ):
+        if dx * dx + dy * dy < reach * reach and boxes_overlap(*ego_box(ego), *box):
             return k
     return -1
 
@@ -39,9 +37,7 @@ def touched_actor(ego: EgoState, actors: Actors) -> int:
 def touched_obstacle(ego: EgoState, obstacles: tuple[Obstacle, ...]) -> Obstacle | None:
     """The first obstacle that the ego's footprint overlaps."""
     for o in obstacles:
-        if boxes_overlap(
-            ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M, o.x, o.y, o.heading, o.length, o.width
-        ):
+        if boxes_overlap(*ego_box(ego), o.x, o.y, o.heading, o.length, o.width):
             return o
     return None
 
