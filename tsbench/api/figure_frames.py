@@ -83,6 +83,4 @@ def _readings(
     unit: str,
 ) -> Iterator[_Row]:
     for reading, value in figure.readings():
-        yield {
-            "figure": name, "over": over, "name": part, "reading": reading, "unit": unit, **asdict(value),
-        }  # fmt: skip
+        yield {"figure": name, "over": over, "name": part, "reading": reading, "unit": unit, **asdict(value)}

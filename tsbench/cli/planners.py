@@ -70,9 +70,7 @@ def _print_parts() -> None:
     help="Scenes to drive.",
 )
 @click.option(
-    "--submission",
-    is_flag=True,
-    help="Drive it isolated, and say what `tsbench submit` would refuse.",
+    "--submission", is_flag=True, help="Drive it isolated, and say what `tsbench submit` would refuse."
 )
 @options.image
 def check(planner: str, limit: int, submission: bool, image: str | None) -> int:

@@ -78,10 +78,7 @@ def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None,
 @options.types
 @options.split(made=True)
 @click.option(
-    "--each",
-    type=options.POSITIVE,
-    metavar="N",
-    help="N pairs of each type, drawn at random; default: all.",
+    "--each", type=options.POSITIVE, metavar="N", help="N pairs of each type, drawn at random; default: all."
 )
 @options.workers
 def certify(types: tuple[str, ...], split: str | None, each: int | None, workers: int) -> None:
@@ -183,9 +180,7 @@ def verify(split: str | None) -> None:
 @scenarios.command()
 @options.types
 @options.split(made=True)
-@click.option(
-    "--each", type=options.POSITIVE, metavar="N", help="N pairs of each type, drawn; default: all."
-)  # fmt: skip
+@click.option("--each", type=options.POSITIVE, metavar="N", help="N pairs of each type, drawn; default: all.")
 def lint(types: tuple[str, ...], split: str | None, each: int | None) -> None:
     """Check where plates stand (sign_catalog/places.yaml) and whether vehicles break them; exit code 1 if so."""
     from tsbench.dataset.certify.recertify import draw_sample

@@ -282,9 +282,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
 
 
 def _so_far(judged: Judged) -> dict[str, Any]:
-    return {
-        "violations": judged.violations, "needless": judged.needless, "engaged": judged.engaged,
-    }  # fmt: skip
+    return {"violations": judged.violations, "needless": judged.needless, "engaged": judged.engaged}
 
 
 def _reward_of(fields: Mapping[str, float]) -> RewardSpec:

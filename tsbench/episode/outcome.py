@@ -193,10 +193,4 @@ class Phase(IntEnum):
         return _WORDS[self]
 
 
-_WORDS = (
-    "between episodes",
-    "loading the scene",
-    "in the simulation",
-    "in the planner",
-    "in the monitors",
-)
+_WORDS = ("between episodes", "loading the scene", "in the simulation", "in the planner", "in the monitors")

@@ -126,14 +126,7 @@ class EpisodeLoop:
         if privileged:
             sign = scene.target_sign
             privilege = Privilege(sign, self._catalog.sign(sign.code).rule, scene.network, view)
-        return PlannerContext(
-            seed,
-            view.map,
-            view.graph,
-            destination_on_map(view, scene),
-            DT_S,
-            privilege,
-        )
+        return PlannerContext(seed, view.map, view.graph, destination_on_map(view, scene), DT_S, privilege)
 
 
 class EpisodeRunner:

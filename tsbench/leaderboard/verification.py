@@ -229,8 +229,7 @@ def _figures(claim: Claim, table: Sequence[ScenarioSpec], figures: Sequence[Figu
         if then is None or _rounded(then) != _rounded(figure):
             said = "missing" if then is None else _rounded(then)
             yield Mismatch(
-                "",
-                f"{figure.figure} of {figure.over} is {said}, by its episodes {_rounded(figure)}",
+                "", f"{figure.figure} of {figure.over} is {said}, by its episodes {_rounded(figure)}"
             )
     for figure_name, over in told:
         yield Mismatch("", f"{figure_name} of {over}: no such figure follows from its episodes")

@@ -16,11 +16,7 @@ from tsbench.report.episode_files import Selection, export_kind, select_traces
 
 # By our clause: the types whose scenes ask it, and how the other judge is asked.
 RULES: Mapping[str, tuple[str, tuple[str, ...], Mapping[str, Reading]]] = {
-    "over_limit": (
-        "R_G3, speed limit",
-        ("speed_limit", "zone_speed_limit", "residential_zone"),
-        SPEED,
-    ),
+    "over_limit": ("R_G3, speed limit", ("speed_limit", "zone_speed_limit", "residential_zone"), SPEED),
     "no_full_stop": ("R_IN1, stop", ("stop",), STOP),
 }
 WHY = {

@@ -232,9 +232,7 @@ class Plant2FtNetwork(Plant2Network):
             self.signs(classes, tokens["signs"]),
             per_sample(self.ways, tokens["ways"]),
         ]
-        unseen = [
-            empty.new_zeros((b, 1)), holding == at.EMPTY, classes == at.EMPTY, tokens["way_known"] == 0
-        ]  # fmt: skip
+        unseen = [empty.new_zeros((b, 1)), holding == at.EMPTY, classes == at.EMPTY, tokens["way_known"] == 0]
         split = x.shape[1] - objects
         return (
             torch.cat([x[:, :split], *new, x[:, split:]], dim=1),

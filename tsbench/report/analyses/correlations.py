@@ -171,9 +171,7 @@ def _draw(pool: RunPool, title: str, stacked: bool = False) -> Figure:
             mark = Mark(ours.value, ours.low, ours.high, colour_of(panel), width=2.0)
             rows.append(ForestRow(metric.replace("_", " "), (mark,), str(ours.n)))
         panels[panel] = rows
-    key = {
-        "metric over the same episodes, strict, with its 95 % interval": Mark(0.0, 0.0, 0.0, INK),
-    }
+    key = {"metric over the same episodes, strict, with its 95 % interval": Mark(0.0, 0.0, 0.0, INK)}
     unit = f"Spearman's ρ with {NAMES[present_parts(pool.summaries)[0]]}, from -1 to 1; n: planners"
     figure = forest_panels(panels, unit, (-1.0, 1.0), key, stacked=stacked)
     if not stacked:
