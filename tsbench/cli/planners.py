@@ -15,6 +15,9 @@ from tsbench.cli.console import print_table
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.planners import registry
+from tsbench.planners.check import Level, check_statically
+from tsbench.run.isolation.image import in_image
+from tsbench.scenarios.table import read_table, splits_there, table_path
 
 if TYPE_CHECKING:
     from tsbench.planners.check import Finding
@@ -80,8 +83,6 @@ def check(planner: str, limit: int, submission: bool, image: str | None) -> int:
     if image is not None:
         raise InputError(f"--image {image}: a planner runs in an image isolated only: add --submission")
     # Not before it is needed: these bring SUMO with them.
-    from tsbench.planners.check import Level, check_statically
-    from tsbench.scenarios.table import read_table, splits_there, table_path
     from tsbench.tools.check_planner import check_driving, choose
 
     loaded = registry.resolve(planner)
@@ -98,7 +99,6 @@ def check(planner: str, limit: int, submission: bool, image: str | None) -> int:
 
 
 def _check_submission(planner: str, limit: int, image: str | None) -> int:
-    from tsbench.run.isolation.image import in_image
     from tsbench.tools.check_submission import check_submission  # brings SUMO
 
     console = Console()
@@ -108,8 +108,6 @@ def _check_submission(planner: str, limit: int, image: str | None) -> int:
 
 
 def _tell(planner: str, found: list[Finding], console: Console) -> int:
-    from tsbench.planners.check import Level
-
     style = {Level.OK: "green", Level.NOTE: "yellow", Level.PROBLEM: "bold red"}
     table = Table(box=None, show_header=False)
     for finding in found:

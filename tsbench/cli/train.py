@@ -6,6 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
 
 from tsbench.cli import options
 from tsbench.cli.console import table_console
@@ -13,6 +16,10 @@ from tsbench.cli.options import POSITIVE, Option, several
 from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
 from tsbench.episode.perception_level import EXACT, load_level
+from tsbench.learn.code_counts import count, write_counts
+from tsbench.metrics.intervals import share_ends
+from tsbench.planners.weights import network
+from tsbench.scenarios.store import check_files
 
 if TYPE_CHECKING:
     from tsbench.learn.finetune.recipe import FineTuning
@@ -215,8 +222,6 @@ def _recipe(
 @options.out("Where the counts go.", "runs/codes.csv", type=options.FILE)
 def codes(out: Path) -> None:
     """Which plates stand in signed and in contrast halves of the train split: all that the floor codes knows."""
-    from tsbench.learn.code_counts import count, write_counts
-
     write_counts(count(_train_rows(())), out)
     click.echo(out)
 
@@ -249,15 +254,9 @@ def measure(
     seed: int, workers: int,
 ) -> None:  # fmt: skip
     """How the weights in FOLDER (default: tsbench's own) drive on kept-out maps of the train split, by type."""
-    import numpy as np
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
     from tsbench.learn.imitation.recipe import validation_rows
     from tsbench.learn.imitation.skill import drive, skill_of
-    from tsbench.metrics.intervals import share_ends
     from tsbench.planners.plant2.planner_ft import StopPolicy
-    from tsbench.planners.weights import network
 
     network(planner, folder)
     if stop_policy and planner == "plant2":
@@ -285,8 +284,6 @@ def measure(
 
 def _train_rows(words: tuple[str, ...]) -> list[ScenarioSpec]:
     """The train table's rows of some types and groups, whose files are there."""
-    from tsbench.scenarios.store import check_files
-
     rows = options.rows_of("train", words)
     check_files(rows)
     return rows
