@@ -77,9 +77,11 @@ def _isolation(planners: tuple[str, ...], limit: int, rounds: int, json_path: Pa
     rows = []
     for one in found:
         more = one.difference_us
-        told = ("-", "-", "-") if more is None else (
-            f"{one.together_us:.0f}", f"{more:.0f}", "met" if more <= GOAL_US else "not met"
-        )  # fmt: skip
+        told = (
+            ("-", "-", "-")
+            if more is None
+            else (f"{one.together_us:.0f}", f"{more:.0f}", "met" if more <= GOAL_US else "not met")
+        )
         rows.append((one.planner, told[0], f"{one.isolated_us:.0f}", *told[1:], f"{one.apart_us:.0f}"))
     heads = (
         "planner",

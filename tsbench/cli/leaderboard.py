@@ -94,9 +94,10 @@ def submit(
     help="Of the draw: your own choice, made after the submission.",
 )  # fmt: skip
 @click.option(
-    "--shared-process", is_flag=True,
+    "--shared-process",
+    is_flag=True,
     help="Drive it beside the referee: for a planner whose code you trust. The record says so.",
-)  # fmt: skip
+)
 @click.option("--by", "verifier", default="", metavar="TEXT", help="Who verifies.")
 @options.run_workers
 @options.out("JSON file to write the record to.", type=options.FILE)

@@ -107,9 +107,10 @@ def planners(help: str, *, required: bool = False, default: tuple[str, ...] = ()
 
 
 image = click.option(
-    "--image", metavar="IMAGE",
+    "--image",
+    metavar="IMAGE",
     help="Run isolated planners in containers of this image, by Docker or Podman: docs/isolation.md.",
-)  # fmt: skip
+)
 
 
 def split(default: str | None = None, *, required: bool = False, made: bool = False) -> Option:
@@ -175,9 +176,11 @@ workers = click.option(
 # Without a number the run itself decides: planners with networks want more episodes at once than there are cores.
 run_workers = click.option("--workers", type=POSITIVE, show_default="all", metavar="N", help="Cores to use.")
 trajectories = click.option(
-    "--trajectories", type=PATH, metavar="FILE",
+    "--trajectories",
+    type=PATH,
+    metavar="FILE",
     help="The oracle's chosen drives. Default: scenarios/oracle.parquet of the data folder.",
-)  # fmt: skip
+)
 device = click.option(
     "--device", type=click.Choice(DEVICES), default="cpu", show_default=True, help="For learned planners."
 )

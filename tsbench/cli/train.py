@@ -164,9 +164,11 @@ def _lessons(drives: int, out: str) -> Option:
 
 @train.command("plant2-ft", short_help="Fine-tuning of plant2 on obedient drives.")
 @click.option(
-    "--base", type=options.FOLDER, metavar="DIR",
+    "--base",
+    type=options.FOLDER,
+    metavar="DIR",
     help="Folder of the plant2 or plant2-ft weights to begin with; default: tsbench's own plant2.",
-)  # fmt: skip
+)
 @_count("--epochs", 26, "Passes over their frames.")
 @_count("--batch", 128, least=8)
 @_rate(1e-4)
@@ -243,11 +245,13 @@ _SHARES = {
 )
 @_count("--each", 4, "Episodes of a type.")
 @click.option(
-    "--stop-policy", type=(float,) * 5, metavar="SHARE WAITS RISE HOLD BRAKES",
+    "--stop-policy",
+    type=(float,) * 5,
+    metavar="SHARE WAITS RISE HOLD BRAKES",
     help="Of plant2-ft, instead of its own: from which share of standing it halts, what is added to that "
     "each second (1/s) after a wait of so many seconds, how many seconds a halt lasts beyond the last such plan, and "
     "its least deceleration (m/s2).",
-)  # fmt: skip
+)
 @several(options.types, options.seed, options.workers)
 def measure(
     folder: Path | None, planner: str, each: int, stop_policy: tuple[float, ...] | None, types: tuple[str, ...],

@@ -53,9 +53,11 @@ class SceneSeen:
         self._kind = {int(kind): k for k, kind in enumerate(ActorKind)}
         self._addressed = AddressedLanes()
         columns = {
-            "plates": 4 + len(PLATE) + len(self.codes), "lanes": 2 * POINTS + len(LANE),
-            "actors": 7 + len(self._kind), "obstacles": 6,
-        }  # fmt: skip
+            "plates": 4 + len(PLATE) + len(self.codes),
+            "lanes": 2 * POINTS + len(LANE),
+            "actors": 7 + len(self._kind),
+            "obstacles": 6,
+        }
         if not lanes:
             del columns["lanes"]
         shapes: dict[str, tuple[int, ...]] = {"ego": (len(EGO),), "route": (ROUTE, 2)}

@@ -85,9 +85,11 @@ class _TrackedSign:
         self.smallest_px = level.half_px + level.scale_px * log_of(size / (1.0 - size))
         shift = level.noise_m * (2.0 * draw("place", *self.name) - 1.0)
         self.told_as = replace(
-            self.told_as, x=view.x + shift * math.cos(view.heading), y=view.y + shift * math.sin(view.heading),
+            self.told_as,
+            x=view.x + shift * math.cos(view.heading),
+            y=view.y + shift * math.sin(view.heading),
             position_m=view.position_m + shift if view.edge else view.position_m,
-        )  # fmt: skip
+        )
         self.behind = replace(self.told_as.from_behind(), outline=view.outline)
 
 

@@ -77,9 +77,11 @@ class TrafficView:
         self._rows, self._order = rows, sorted(range(len(rows)), key=ids.__getitem__)
         index = actors.index[self._order]
         self._same = (
-            _fixed(np.array(sorted(ids), dtype=np.int32)), _fixed(table.length[index]), _fixed(table.width[index]),
+            _fixed(np.array(sorted(ids), dtype=np.int32)),
+            _fixed(table.length[index]),
+            _fixed(table.width[index]),
             _fixed(table.kind[index]),
-        )  # fmt: skip
+        )
 
     def _signalled(self, route: tuple[str, ...]) -> _Signals:
         network, found = self._network, _Signals()

@@ -128,11 +128,13 @@ class MapGraph(Frozen):
             a, b = network.lanes[connection.from_lane], network.lanes[connection.to_lane]
             onward.setdefault(a.edge, {}).setdefault(b.edge, []).append(connection)
         filled = {
-            "network": network, "_open": opened, "_turned": MappingProxyType(dict(turned)),
+            "network": network,
+            "_open": opened,
+            "_turned": MappingProxyType(dict(turned)),
             "_next": MappingProxyType(
                 {a: MappingProxyType({b: tuple(c) for b, c in to.items()}) for a, to in onward.items()}
             ),
-        }  # fmt: skip
+        }
         for name, value in filled.items():
             object.__setattr__(self, name, value)
 

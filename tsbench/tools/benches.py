@@ -181,8 +181,10 @@ def run_bench(scenes: int, rounds: int, progress: Callable[[str], None]) -> Benc
         for spec in specs:
             full = loops.full(spec)
             for name, (seconds, ticks, count) in (
-                ("bare", loops.bare(spec)), ("ego", loops.ego(spec)), ("full", full[:3])
-            ):  # fmt: skip
+                ("bare", loops.bare(spec)),
+                ("ego", loops.ego(spec)),
+                ("full", full[:3]),
+            ):
                 sums[name][0] += seconds
                 sums[name][1] += ticks
                 if name == "full":

@@ -80,13 +80,15 @@ def correlations(pool: RunPool) -> Analysis:
         )
     scd = NAMES[present_parts(pool.summaries)[0]]
     columns = (
-        Column("group", f"{scd} of", Kind.TEXT), *text_columns("metric", "figure"),
+        Column("group", f"{scd} of", Kind.TEXT),
+        *text_columns("metric", "figure"),
         Column("rho", "ρ, metric over\nthe same episodes", decimals=2),
-        Column("planners", "planners", Kind.COUNT), Column("rho_overall", "ρ, metric over\nall episodes", decimals=2),
+        Column("planners", "planners", Kind.COUNT),
+        Column("rho_overall", "ρ, metric over\nall episodes", decimals=2),
         Column("planners_overall", "planners", Kind.COUNT),
         Column("nine", "ρ, signed SCD,\nthe nine here", decimals=2),
         Column("study", "ρ, signed SCD,\nthe nine, study", decimals=2),
-    )  # fmt: skip
+    )
     rows = []
     differ = any(pool.records[name].error.any() for name in pool.planners)
     for panel in present_panels(pool.summaries):

@@ -72,9 +72,11 @@ class Container:
         """
         self._engine = find_engine()
         self.effects: Mapping[str, Any] = {
-            "namespaces": self._engine, "limits": sorted({*LIMITS, "MEMORY"}), "image": image,
+            "namespaces": self._engine,
+            "limits": sorted({*LIMITS, "MEMORY"}),
+            "image": image,
             "image_id": image_id(self._engine, image),
-        }  # fmt: skip
+        }
         command = command_of(spec, python="python3")
         self.folder = OwnFolder(SANDBOX)
         self._name = self.folder.path.name

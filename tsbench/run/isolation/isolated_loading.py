@@ -148,8 +148,10 @@ def load(
         own = begins_afresh(planner.spec)
         return IsolatedPlanner(
             lambda: PlannerProcess(planner.spec, places, files(), show=show),
-            own=own, alone=alone, keeps=planner.may_remember,
-        )  # fmt: skip
+            own=own,
+            alone=alone,
+            keeps=planner.may_remember,
+        )
 
     return LoadedPlanner(
         name=planner.name, privileged=planner.privileged, sign_access=planner.sign_access, floor=planner.floor,

@@ -111,8 +111,10 @@ class Sandbox:
         # Of memory: for all its processes together, where groups can be made.
         limits = sorted({*LIMITS, "MEMORY"} if self._group else LIMITS)
         self.effects: Mapping[str, Any] = {
-            "namespaces": maker.version, "control_group": self._group is not None, "limits": limits,
-        }  # fmt: skip
+            "namespaces": maker.version,
+            "control_group": self._group is not None,
+            "limits": limits,
+        }
         # What an earlier planner printed to: nothing that it may have set there is for the next.
         logs = [_as_new(file) for file in (1, 2)] if output is None else []
         groups = [str(file) for file in self._group.members] if self._group else []
