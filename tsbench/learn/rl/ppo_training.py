@@ -16,7 +16,7 @@ from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
 
 import tsbench.envs
 from tsbench.core.errors import SimulationError
-from tsbench.learn.rl.curve import draw_curve
+from tsbench.learn.learning_curve import draw_rl
 from tsbench.learn.rl.dagger import DaggerWrapper, warm_up
 from tsbench.learn.rl.policy import actor_tensors, policy_of
 from tsbench.learn.rl.ppo_config import HYPER, Hyper, Job
@@ -166,5 +166,5 @@ def _export(job: Job, hyper: Hyper, model: PPO, progress: RlProgress) -> Network
         "hyper": {name: getattr(hyper, name) for name in Hyper.__slots__},
         "torch": torch.__version__,
     }
-    draw_curve(job.out)
+    draw_rl(job.out)
     return save_weights(job.planner, job.out, actor_tensors(job.planner, model.policy), training)
