@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from tsbench import Control, Observation, PlannerContext
-from tsbench.planners.common.pure_pursuit import LEAST_AHEAD_M
+from tsbench.planners.common.lane_change import LEAST_AHEAD_M
 from tsbench.planners.common.swept_path import HALF_LENGTH_M
 from tsbench.planners.floor.blind import Blind, masked
 from tsbench.planners.floor.guess import first_fork

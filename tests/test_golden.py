@@ -22,7 +22,7 @@ from tsbench.episode.trace import write_trace
 from tsbench.planners.registry import names, resolve
 from tsbench.run import arithmetic
 from tsbench.run.contract import SCORING
-from tsbench.run.log.score import make_record
+from tsbench.run.log.record import make_record
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 

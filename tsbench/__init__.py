@@ -13,15 +13,15 @@ if TYPE_CHECKING:
     from tsbench.api.drive import Drive as Drive
     from tsbench.api.drive import drive as drive
     from tsbench.api.evaluate import evaluate as evaluate
-    from tsbench.api.run import Run as Run
-    from tsbench.api.run import load_run as load_run
-    from tsbench.api.scenarios import load_scenarios as load_scenarios
+    from tsbench.api.loaded_run import Run as Run
+    from tsbench.api.loaded_run import load_run as load_run
+    from tsbench.api.scenario_list import load_scenarios as load_scenarios
     from tsbench.planners.base import Control as Control
     from tsbench.planners.base import Observation as Observation
     from tsbench.planners.base import Planner as Planner
     from tsbench.planners.base import PlannerContext as PlannerContext
     from tsbench.planners.base import Trajectory as Trajectory
-    from tsbench.planners.common.pure_pursuit import pursue_route as pursue_route
+    from tsbench.planners.common.lane_change import pursue_route as pursue_route
     from tsbench.planners.geometry import EGO as EGO
     from tsbench.planners.geometry import ActorHistory as ActorHistory
     from tsbench.planners.geometry import RouteLine as RouteLine
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from tsbench.planners.geometry import route_line as route_line
     from tsbench.planners.helpers import RoadAhead as RoadAhead
     from tsbench.planners.helpers import identified as identified
+    from tsbench.planners.helpers import line_ahead as line_ahead
     from tsbench.planners.helpers import sign_ahead as sign_ahead
-    from tsbench.planners.sign_lines import line_ahead as line_ahead
 
 __version__ = "0.1.0"
 
@@ -46,16 +46,16 @@ _PUBLIC = {
     "PlannerContext": "tsbench.planners.base",
     "RoadAhead": "tsbench.planners.helpers",
     "RouteLine": "tsbench.planners.geometry",
-    "Run": "tsbench.api.run",
+    "Run": "tsbench.api.loaded_run",
     "Trajectory": "tsbench.planners.base",
     "drive": "tsbench.api.drive",
     "evaluate": "tsbench.api.evaluate",
     "lane_bounds": "tsbench.planners.geometry",
     "lane_polygon": "tsbench.planners.geometry",
-    "line_ahead": "tsbench.planners.sign_lines",
-    "load_run": "tsbench.api.run",
-    "load_scenarios": "tsbench.api.scenarios",
-    "pursue_route": "tsbench.planners.common.pure_pursuit",
+    "line_ahead": "tsbench.planners.helpers",
+    "load_run": "tsbench.api.loaded_run",
+    "load_scenarios": "tsbench.api.scenario_list",
+    "pursue_route": "tsbench.planners.common.lane_change",
     "route_lanes": "tsbench.planners.geometry",
     "route_line": "tsbench.planners.geometry",
     "identified": "tsbench.planners.helpers",

@@ -15,7 +15,7 @@ import shapely
 from learned_scenes import Recorder, record, with_signs
 
 from tsbench.adapters.nuplan import NuPlanPlanner, StateSE2, TimePoint, TrackedObjectType
-from tsbench.adapters.nuplan.maps import NuPlanMap, SemanticMapLayer
+from tsbench.adapters.nuplan.nuplan_map import NuPlanMap, SemanticMapLayer
 from tsbench.core.errors import InputError
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.geometry import EGO

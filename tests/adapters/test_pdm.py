@@ -9,11 +9,11 @@ import pytest
 from learned_scenes import Recorder, record
 
 from tsbench.adapters.nuplan import TrackedObjectType
-from tsbench.adapters.nuplan.maps import NuPlanMap
+from tsbench.adapters.nuplan.nuplan_map import NuPlanMap
 from tsbench.adapters.nuplan.states import ObjectMetadata, OrientedBox, StateSE2, StateVector2D, TrackedObject
 from tsbench.adapters.pdm import Pdm
 from tsbench.adapters.pdm.centerline import Centerline, Route
-from tsbench.adapters.pdm.planner import forecast
+from tsbench.adapters.pdm.pdm_planner import forecast
 from tsbench.adapters.pdm.proposals import OFFSETS_M, SHARES, STEPS, Proposals, roll_out, stop
 from tsbench.adapters.pdm.scoring import score
 from tsbench.episode.runner import EpisodeRunner

@@ -16,7 +16,7 @@ from gymnasium import spaces
 from gymnasium.spaces.utils import flatten
 
 from tsbench.adapters.sb3.convert import convert
-from tsbench.adapters.sb3.planner import Sb3Planner, _loaded
+from tsbench.adapters.sb3.sb3_planner import Sb3Planner, _loaded
 from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.envs.encoders import KINDS

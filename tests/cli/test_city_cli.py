@@ -18,7 +18,7 @@ import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.paths import using_city
 from tsbench.dataset.maps.utm import UtmFrame
-from tsbench.envs.drive import DriveEnv
+from tsbench.envs.drive_env import DriveEnv
 from tsbench.run.edition import contract_now, edition_now, edition_of, editions
 
 REPOSITORY = Path(__file__).resolve().parents[2]

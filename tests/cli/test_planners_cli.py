@@ -12,8 +12,7 @@ from patience import HANG_S
 from tsbench.cli import main
 from tsbench.cli.planners import planners
 from tsbench.core.errors import SimulationError
-from tsbench.episode.outcome import Outcome
-from tsbench.episode.result import EpisodeResult
+from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.planners.check import Level, check_statically
 from tsbench.planners.registry import names, resolve
 from tsbench.scenarios.spec import ScenarioSpec

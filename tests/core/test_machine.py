@@ -8,8 +8,7 @@ import sys
 import threading
 import time
 
-from tsbench.core.machine import children_of
-from tsbench.run.execution.memory import processor_s, resident_below_mb, resident_mb
+from tsbench.core.machine import children_of, processor_s, resident_below_mb, resident_mb
 
 # Starts a process that ends at once, waits for it, and so on.
 RESTLESS = """

@@ -19,7 +19,7 @@ def test_what_is_imported_belongs_to_it_with_its_packages() -> None:
     found = names("tsbench.planners.experts.expert")
     assert {
         "tsbench/planners/idm.py",
-        "tsbench/planners/experts/rules/detour.py",
+        "tsbench/planners/experts/rules/detour_constraint.py",
         "tsbench/sim/ego.py",
     } <= found
     assert {

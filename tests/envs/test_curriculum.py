@@ -5,8 +5,7 @@ from __future__ import annotations
 import pytest
 
 from tsbench.core.errors import InputError
-from tsbench.envs.curriculum import Curriculum
-from tsbench.envs.drive import DriveEnv
+from tsbench.envs.drive_env import Curriculum, DriveEnv
 
 
 def test_stages_follow_each_other() -> None:

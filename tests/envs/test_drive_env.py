@@ -17,7 +17,7 @@ from gymnasium.utils.env_checker import check_env
 from tsbench.core.errors import InputError
 from tsbench.core.paths import city_in_use, using_city
 from tsbench.envs import DRIVE, DRIVE_V0
-from tsbench.envs.drive import DriveEnv
+from tsbench.envs.drive_env import DriveEnv
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Control, Observation
 from tsbench.planners.registry import resolve

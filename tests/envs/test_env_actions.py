@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsbench.envs.actions import cruise
-from tsbench.envs.drive import DriveEnv
+from tsbench.envs.drive_env import DriveEnv
+from tsbench.envs.encoders import cruise
 from tsbench.planners.rl.actions import accelerate, aim
 
 

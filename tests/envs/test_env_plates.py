@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tsbench.envs.drive import DriveEnv
+from tsbench.envs.drive_env import DriveEnv
 from tsbench.envs.encoders import KINDS
-from tsbench.envs.objects import SIGNS, ObjectsSeen
-from tsbench.envs.plates import ADDRESSED, AddressedLanes
-from tsbench.envs.scene import FAR_M, PLATE, SceneSeen
+from tsbench.envs.objects import ADDRESSED, SIGNS, AddressedLanes, ObjectsSeen
+from tsbench.envs.scene_seen import FAR_M, PLATE, SceneSeen
 from tsbench.planners.base import SignView
 from tsbench.signs.model import OUTLINES
 

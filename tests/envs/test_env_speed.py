@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tsbench.cli import main
-from tsbench.envs import speed
+from tsbench.envs import env_speed as speed
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 
 from tsbench.envs import DRIVE, MAX_STEPS
-from tsbench.envs.drive import DriveEnv
+from tsbench.envs.drive_env import DriveEnv
 
 
 def drive(env: DriveEnv, turn: float) -> dict[str, Any]:

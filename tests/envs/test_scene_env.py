@@ -11,9 +11,9 @@ import pytest
 
 from tsbench.core.errors import InputError
 from tsbench.envs import GROUPS
-from tsbench.envs.drive import DriveEnv
+from tsbench.envs.drive_env import DriveEnv
 from tsbench.envs.reward import RewardSpec
-from tsbench.envs.scene import LANE, PLATE, POINTS, SceneSeen
+from tsbench.envs.scene_seen import LANE, PLATE, POINTS, SceneSeen
 from tsbench.signs.model import Group
 
 FULL = np.array([1.0, 0.0], dtype=np.float32)

@@ -11,7 +11,7 @@ from gymnasium.wrappers import RecordVideo, RenderCollection
 
 from tsbench.core.errors import InputError
 from tsbench.envs import DRIVE
-from tsbench.envs.drive import DriveEnv
+from tsbench.envs.drive_env import DriveEnv
 from tsbench.envs.view import SIZE_PX
 
 ONWARD = np.array([0.2, 0.0], dtype=np.float32)

@@ -17,10 +17,8 @@ from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.scenes.dry_run import lead_time
 from tsbench.dataset.scenes.traffic import Car
 from tsbench.episode import outcome as outcome_module
-from tsbench.episode.outcome import Outcome
+from tsbench.episode.outcome import EpisodeResult, Outcome, Phase
 from tsbench.episode.perception_level import Perception
-from tsbench.episode.phase import Phase
-from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.registry import resolve
 from tsbench.roads.destination import Destination

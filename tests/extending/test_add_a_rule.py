@@ -15,7 +15,7 @@ WHERE = {
     "rule.yaml": "sign_catalog/rules/no_stopping.yaml",
     "sign.yaml": "sign_catalog/signs/3.27.yaml",
     "monitor.py": "tsbench/rules/no_stopping.py",
-    "constraint.py": "tsbench/planners/experts/rules/no_stopping.py",
+    "constraint.py": "tsbench/planners/experts/rules/no_stopping_constraint.py",
     **{f"cases/{path.name}": f"tests/cases/no_stopping/{path.name}" for path in (FILES / "cases").iterdir()},
 }
 DECLARATION = '    RuleKind("no_stopping", ZoneParams, f"standing_mps standing_s {_ROAD}", "stopped"),\n'

@@ -21,7 +21,7 @@ from patience import HANG_S
 import tsbench.cli
 import tsbench.cli.run as command
 from tsbench.run.log.journal import Journal
-from tsbench.run.options import Options
+from tsbench.run.run_options import Options
 
 # Nothing but what sleeps for ever is as slow as this, on the busiest machine.
 LIMITS = dict.fromkeys(("call", "first_call", "phase", "start"), HANG_S)

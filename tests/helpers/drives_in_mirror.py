@@ -10,15 +10,13 @@ from simworld import simulation
 
 from tsbench import Control
 from tsbench.core.paths import MIRRORED, OWN_CITY, using_city
-from tsbench.episode.outcome import EpisodeFacts
-from tsbench.episode.result import EpisodeResult
+from tsbench.episode.outcome import EpisodeFacts, EpisodeResult
 from tsbench.episode.runner import EpisodeLoop
 from tsbench.planners.registry import resolve
 from tsbench.rules.events import Violation
 from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.signs.catalog import load_catalog
-from tsbench.signs.mirror import mirrored_code
+from tsbench.signs.catalog import load_catalog, mirrored_code
 from tsbench.sim.world import ActorKind, WorldSnapshot
 
 Place = tuple[float, float, int]

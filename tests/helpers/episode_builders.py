@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
-from tsbench.episode.result import EpisodeResult
+from tsbench.episode.outcome import Contact, EpisodeFacts, EpisodeResult, Outcome
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.roads.destination import Destination
 from tsbench.roads.lane_graph import LaneGraph

@@ -11,9 +11,8 @@ import numpy as np
 
 from tsbench.core.errors import PlannerOutputError, cause_of
 from tsbench.episode.command import to_command
-from tsbench.episode.outcome import Outcome
+from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.perception_level import Perception
-from tsbench.episode.result import EpisodeResult
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.ego import Motion, advance

@@ -95,10 +95,10 @@ class PatchesScorer(Honest):
     def attack(self, context):
         from dataclasses import replace
 
-        from tsbench.run.log import score
+        from tsbench.run.log import record
 
-        true = score.make_record
-        score.make_record = lambda *a: replace(r := true(*a), row={**r.row, "scd": not r.row["scd"]})
+        true = record.make_record
+        record.make_record = lambda *a: replace(r := true(*a), row={**r.row, "scd": not r.row["scd"]})
 
 
 class PatchesEnding(Honest):
@@ -477,7 +477,7 @@ def main(place: str, scenario: str, *names: str) -> None:
     """Beside the referee each name has a process of its own, so that no cheat meets another one's work."""
     import tsbench.episode.runner
     import tsbench.planners.registry
-    import tsbench.run.log.score
+    import tsbench.run.log.record
     import tsbench.scenarios.table
     import tsbench.sim.sumo  # noqa: F401
 
@@ -498,8 +498,8 @@ def drive(place: str, scenario: str, *names: str) -> None:
 
     from tsbench.episode.runner import EpisodeRunner
     from tsbench.planners.registry import resolve
-    from tsbench.run.isolation.loading import load
-    from tsbench.run.log import score
+    from tsbench.run.isolation.isolated_loading import load
+    from tsbench.run.log import record as log
     from tsbench.run.planner_info import PlannerInfo
     from tsbench.scenarios.scene_loader import SceneLoader
     from tsbench.scenarios.table import read_table, table_path
@@ -518,7 +518,7 @@ def drive(place: str, scenario: str, *names: str) -> None:
         result = EpisodeRunner(loaded, simulation=simulation, loader=loader).run(row)
         if place == "sandbox":
             planner.inner.close()
-        record = score.make_record(result, False)
+        record = log.make_record(result, False)
         told = record.row
         ticks = result.facts.snapshots
         last = ticks[-1]

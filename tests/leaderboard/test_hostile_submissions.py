@@ -21,7 +21,7 @@ from tsbench.core.files import sha256_of
 from tsbench.episode.perception_level import load_level
 from tsbench.leaderboard.claim import claim_of, claims_of
 from tsbench.leaderboard.submission import Submission, read_submission
-from tsbench.leaderboard.verify import ClaimVerdict, verify
+from tsbench.leaderboard.verification import ClaimVerdict, verify
 
 Make = Callable[..., Submission]
 Json = dict[str, Any]
@@ -258,7 +258,7 @@ def test_no_name_has_an_installed_package_run_here(tmp_path: Path) -> None:
     (told / "entry_points.txt").write_text("[tsbench.planners]\nstrange = strange:P\n")
     code = f"""if True:
         from tsbench.core.errors import InputError
-        from tsbench.run.isolation.loading import describe
+        from tsbench.run.isolation.isolated_loading import describe
         for name in {NAMED}:
             try:
                 print(describe(name))

@@ -21,7 +21,7 @@ from tsbench.episode.perception_level import load_level
 from tsbench.leaderboard.players import copy_traces, telling
 from tsbench.leaderboard.site import build_site
 from tsbench.leaderboard.submission import Submission, SubmittedEpisode
-from tsbench.leaderboard.verify import Mismatch, Verification
+from tsbench.leaderboard.verification import Mismatch, Verification
 from tsbench.scenarios.table import read_table, table_path
 
 Make = Callable[..., Submission]

@@ -21,7 +21,7 @@ import tsbench
 from tsbench.core.files import sha256_of
 from tsbench.core.paths import using_city
 from tsbench.leaderboard.submission import read_submission
-from tsbench.leaderboard.verify import read_verification
+from tsbench.leaderboard.verification import read_verification
 from tsbench.run.contract import contract_hash
 from tsbench.run.edition import LOCAL, edition_here
 from tsbench.scenarios.table import read_table, table_path

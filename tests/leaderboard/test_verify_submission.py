@@ -14,7 +14,7 @@ from tsbench.core.errors import InputError
 from tsbench.episode.perception_level import EXACTLY
 from tsbench.leaderboard.claim import claim_of, claims_of
 from tsbench.leaderboard.submission import Submission, SubmittedEpisode, figures_of
-from tsbench.leaderboard.verify import ClaimVerdict, Verification, read_verification, verify
+from tsbench.leaderboard.verification import ClaimVerdict, Verification, read_verification, verify
 from tsbench.scenarios.table import read_table, table_path
 
 Make = Callable[..., Submission]

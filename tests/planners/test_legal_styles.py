@@ -11,7 +11,7 @@ from tsbench.planners.legal_styles import Assertive, Cautious, Elderly, LegalSty
 from tsbench.planners.reader import Reader
 from tsbench.planners.registry import resolve
 from tsbench.roads.destination import Destination
-from tsbench.run.log.score import make_record
+from tsbench.run.log.record import make_record
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.world import DT_S, EGO_LENGTH_M
 

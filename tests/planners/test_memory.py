@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import pytest
 
-from tsbench.episode.result import EpisodeResult
+from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.registry import EXPERT, is_own, names, place_of, resolve
 from tsbench.scenarios.spec import ScenarioSpec

@@ -7,7 +7,7 @@ from dataclasses import replace
 from tsbench.episode.perception_level import EXACTLY, Perception, load_level
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.registry import resolve
-from tsbench.run.log.score import make_record
+from tsbench.run.log.record import make_record
 from tsbench.scenarios.table import read_table, table_path
 
 READER, CAREFUL = (f"tsbench.planners.reader:{name}" for name in ("Reader", "Careful"))

@@ -13,9 +13,8 @@ from simworld import simulation
 from tsbench.episode.perception_level import Perception
 from tsbench.episode.runner import EpisodeLoop
 from tsbench.planners.base import Observation, PlannerContext, SignView
-from tsbench.planners.helpers import sign_ahead
+from tsbench.planners.helpers import line_ahead, sign_ahead
 from tsbench.planners.idm import Idm
-from tsbench.planners.sign_lines import line_ahead
 from tsbench.rules.lines import ApproachLine
 from tsbench.rules.monitors import NullMonitor
 from tsbench.scenarios.spec import ScenarioSpec

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsbench.roads.shortest_ways import shortest_ways, way_to
+from tsbench.roads.lane_graph import shortest_ways, way_to
 
 SIZE = 6
 Graph = dict[tuple[int, int], int]

@@ -17,7 +17,7 @@ from tsbench.core.paths import data_root
 from tsbench.run import contract
 from tsbench.run.contract import contract_hash
 from tsbench.run.edition import contract_now, edition_here
-from tsbench.scenarios.editions import scene_editions
+from tsbench.scenarios.table import scene_editions
 from tsbench.signs.catalog import Catalog, load_catalog
 
 

@@ -26,8 +26,7 @@ from tsbench.run.edition import (
 )
 from tsbench.scenarios import table
 from tsbench.scenarios.certificates import certificates_path, read_certificates
-from tsbench.scenarios.editions import scene_editions
-from tsbench.scenarios.table import read_table, splits_there, table_path
+from tsbench.scenarios.table import read_table, scene_editions, splits_there, table_path
 from tsbench.tools.diagnosis import Status, check_edition
 
 FEW = ("dev", "holdout")

@@ -7,9 +7,9 @@ import io
 import pytest
 from rich.console import Console
 
-from tsbench.run import progress
+from tsbench.run import run_progress as progress
 from tsbench.run.log.record import Row
-from tsbench.run.progress import ProgressWatcher
+from tsbench.run.run_progress import ProgressWatcher
 
 
 def row(pair: str | None, passed: bool) -> Row:

@@ -20,15 +20,14 @@ from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.dataset.scenes.split import split_pool
 from tsbench.dataset.scenes.variants import variants_of
 from tsbench.dataset.scenes.verify import verify_pairs, verify_rows, verify_split
-from tsbench.learn.codes import plates_of
+from tsbench.learn.code_counts import plates_of
 from tsbench.run.edition import editions
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
-from tsbench.scenarios.editions import scene_editions
 from tsbench.scenarios.map_pool import PoolRow, pool_file, read_pool
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path
-from tsbench.scenarios.table import read_table, splits_there, table_path
+from tsbench.scenarios.table import read_table, scene_editions, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import Motion
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from tsbench.core.errors import InputError
-from tsbench.signs.countries import load_country
-from tsbench.signs.driving_side import country_code, driving_sides
+from tsbench.signs.countries import country_code, driving_sides, load_country
 
 
 def test_every_country_has_a_side() -> None:

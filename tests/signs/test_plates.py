@@ -10,8 +10,7 @@ from lxml import etree
 from tsbench.core.errors import InputError
 from tsbench.signs import plates
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.digits import number_path
-from tsbench.signs.plates import plate_rgba, plate_svg
+from tsbench.signs.plates import number_path, plate_rgba, plate_svg
 
 SIGNS = load_catalog().signs
 

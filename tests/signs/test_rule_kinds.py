@@ -50,16 +50,15 @@ def test_every_kind_has_a_zone_to_draw() -> None:
 
 def test_a_kind_without_its_file_or_its_class_is_refused() -> None:
     modules = dict(import_all("tsbench.planners.experts.rules"))
-    assert set(load_rule_classes(modules, RuleConstraint)) == set(RULE_KINDS)
-    modules["stop"] = modules["constraint"]
+    assert set(load_rule_classes(modules, RuleConstraint, "_constraint")) == set(RULE_KINDS)
     with pytest.raises(ValueError, match=r"constraint\.py: defines 0 StopLike classes, not one$"):
-        load_rule_classes(dict.fromkeys(RULE_KINDS, modules["stop"]), type("StopLike", (), {}))
-    del modules["stop"]
+        load_rule_classes(dict.fromkeys(RULE_KINDS, modules["constraint"]), type("StopLike", (), {}))
+    del modules["stop_constraint"]
     with pytest.raises(
         ValueError,
-        match=r"^rule 'stop' is declared in signs/rule_kinds\.py, but tsbench\.planners\.\S+\.rules has no stop\.py$",
+        match=r"^rule 'stop' is declared in signs/rule_kinds\.py, but tsbench\.planners\.\S+\.rules has no stop_\S+$",
     ):
-        load_rule_classes(modules, RuleConstraint)
+        load_rule_classes(modules, RuleConstraint, "_constraint")
 
 
 def test_a_threshold_says_its_unit() -> None:

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from simworld import actors
 
+from tsbench.episode.outcome import touched_actor, touched_obstacle
 from tsbench.geometry.footprint import corners
-from tsbench.sim.contact import touched_actor, touched_obstacle
 from tsbench.sim.scene import Obstacle
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, EgoState
 

@@ -13,7 +13,7 @@ from command_line import in_process
 from tsbench.planners.check import Finding, Level
 from tsbench.run.contract import SCORING
 from tsbench.run.edition import LOCAL, in_force
-from tsbench.run.isolation.loading import SandboxedPlanner
+from tsbench.run.isolation.isolated_loading import SandboxedPlanner
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.tools import check_submission as subject
 

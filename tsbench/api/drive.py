@@ -14,12 +14,12 @@ from tsbench.api.words import keywords
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.core.paths import city_in_use, driving, expanded_text, using_city
+from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.perception_level import EXACT, EXACTLY, Perception, load_level
-from tsbench.episode.result import EpisodeResult
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
 from tsbench.planners.helpers import sign_ahead
 from tsbench.planners.registry import FunctionPlanner, resolve
-from tsbench.run.log.score import make_record
+from tsbench.run.log.record import make_record
 from tsbench.run.stepped_episode import Step, process_episode
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import ScenarioSpec

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
-from tsbench.api.run import Run
+from tsbench.api.loaded_run import Run
 from tsbench.core.errors import InputError
 from tsbench.core.paths import driving, expanded_text
 from tsbench.core.streams import progress_console
@@ -17,9 +17,9 @@ from tsbench.episode.perception_level import EXACT
 from tsbench.run.arguments import number_of, path_of, switch, text, type_words, whole_number
 from tsbench.run.execution.executor import Limits
 from tsbench.run.listener import Listener, listeners_of
-from tsbench.run.options import LEAST_MEMORY_MB, Options
 from tsbench.run.plan import BOTH, Request
-from tsbench.run.progress import ProgressWatcher
+from tsbench.run.run_options import LEAST_MEMORY_MB, Options
+from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import run
 
 # A name, pkg.module:Class, file.py:Class; a class; or a function observation -> Control.

@@ -8,6 +8,8 @@ import click
 
 from tsbench.cli import options
 from tsbench.cli.console import show_analysis
+from tsbench.report.analyses.analyses_by_name import analyse_runs
+from tsbench.report.analyses.pages import refresh
 
 KINDS = {
     "main": "SCD (paired, signed, contrast) and conventional metrics of every planner, published figures below them.",
@@ -40,8 +42,6 @@ def _command(name: str, line: str) -> None:
     @out("NAME.csv, NAME.tex, NAME.md and, where there is a figure, NAME.png and NAME.svg")
     @options.allow_partial
     def command(runs: tuple[Path, ...], out: Path, allow_partial: bool) -> None:
-        from tsbench.report.analyses.analyses_by_name import analyse_runs  # brings matplotlib and statistics
-
         show_analysis(analyse_runs(name, runs, allow_partial), out)
 
 
@@ -68,8 +68,6 @@ def pages(pages: tuple[Path, ...], folder: Path) -> None:
     <!-- end -->
     <!-- figure types -->                     the picture of the next line
     """
-    from tsbench.report.analyses.pages import refresh
-
     for page in pages:
         for path in refresh(page, folder):
             click.echo(str(path))

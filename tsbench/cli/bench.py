@@ -77,9 +77,11 @@ def _isolation(planners: tuple[str, ...], limit: int, rounds: int, json_path: Pa
     rows = []
     for one in found:
         more = one.difference_us
-        told = ("-", "-", "-") if more is None else (
-            f"{one.together_us:.0f}", f"{more:.0f}", "met" if more <= GOAL_US else "not met"
-        )  # fmt: skip
+        told = (
+            ("-", "-", "-")
+            if more is None
+            else (f"{one.together_us:.0f}", f"{more:.0f}", "met" if more <= GOAL_US else "not met")
+        )
         rows.append((one.planner, told[0], f"{one.isolated_us:.0f}", *told[1:], f"{one.apart_us:.0f}"))
     heads = (
         "planner",
@@ -121,7 +123,7 @@ def _networks(json_path: Path | None) -> None:
 
 
 def _environment(rounds: int, json_path: Path | None) -> None:
-    from tsbench.envs.speed import BLOCK, rates_of, vectorised
+    from tsbench.envs.env_speed import BLOCK, rates_of, vectorised
 
     goals = {"vector": 1500, "scene": 800}
     figures = {kind: (*rates_of(kind, rounds * BLOCK), vectorised(kind, rounds * BLOCK)) for kind in goals}

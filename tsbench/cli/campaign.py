@@ -24,6 +24,9 @@ from tsbench.core.errors import InputError
 from tsbench.core.text import written_out
 from tsbench.core.typed import read_typed
 from tsbench.episode.perception_level import EXACT
+from tsbench.report.analyses.analyses_by_name import analyse_runs
+from tsbench.report.analyses.main_table import campaign_table
+from tsbench.report.analyses.run_pool import read_pool
 from tsbench.run.log.folder import TRACES
 from tsbench.run.log.read import is_run
 
@@ -162,8 +165,6 @@ def campaign(file: Path, out: Path | None, only: tuple[str, ...], no_drive: bool
     over = {name: value for name, value in others.items() if value not in (None, ())}
     code, summaries = (0, _stored(chosen, folder)) if no_drive else _driven(chosen, over, file, folder)
     if summaries:
-        from tsbench.report.analyses.main_table import campaign_table  # brings statistics
-
         show_analysis(campaign_table(file.stem, summaries), folder / "analyses")
     for analysis in analyses:
         if missing := [one.name for one in analysis.runs if one.name not in summaries]:
@@ -200,8 +201,6 @@ def _driven(
 
 
 def _stored(runs: Sequence[CampaignRun], folder: Path) -> dict[str, Summary]:
-    from tsbench.report.analyses.run_pool import read_pool  # brings statistics
-
     there = [one.name for one in runs if is_run(folder / one.name)]
     return {name: read_pool([folder / name], allow_partial=False).summary for name in there}
 
@@ -215,8 +214,6 @@ def _make(analysis: CampaignAnalysis, folder: Path) -> None:
     if analysis.kind == "perception" and not traced and (out / f"{analysis.name}.md").is_file():
         click.echo(f"analysis {analysis.name}: stays as it is, as traces are gone")
         return
-    from tsbench.report.analyses.analyses_by_name import analyse_runs  # brings matplotlib
-
     with click.Context(campaign) as context:
         options.of_their_city(context, campaign.params[0], paths)
         made = analyse_runs(analysis.kind, paths, allow_partial=False)

@@ -12,7 +12,17 @@ from tsbench.cli import options
 from tsbench.cli.console import bars, print_notes, print_table
 from tsbench.core.errors import InputError
 from tsbench.core.paths import MIRRORED, using_city
-from tsbench.signs.countries import Country, country_in_use
+from tsbench.dataset.city import city_names, describe_city, fetch_extracts, load_city, new_city_file
+from tsbench.dataset.maps import overpass
+from tsbench.dataset.maps.extracts import find_extract
+from tsbench.dataset.maps.names import ending_of
+from tsbench.dataset.maps.paths import sources_dir
+from tsbench.dataset.scenes.recipe import load_recipe, recipe_types
+from tsbench.run.edition import edition_now
+from tsbench.scenarios.map_pool import pool_file, read_pool
+from tsbench.scenarios.table import read_table, splits_there, table_path
+from tsbench.signs.catalog import load_catalog
+from tsbench.signs.countries import Country, country_code, country_in_use
 
 if TYPE_CHECKING:
     from tsbench.dataset.city import City
@@ -27,9 +37,6 @@ def city() -> None:
 @city.command("list")
 def list_() -> None:
     """The cities that are described, and what was built of them."""
-    from tsbench.dataset.city import city_names, load_city
-    from tsbench.scenarios.table import read_table, splits_there, table_path
-
     rows = []
     for name in city_names():
         found = load_city(name)
@@ -63,9 +70,7 @@ def list_() -> None:
 @options.osm
 def show(name: str, png: Path | None, streets: bool, rose: Path | None, osm_dir: Path | None) -> None:
     """The extracts of a city, its maps, and which types it carries: on how many maps, and why not on more."""
-    from tsbench.dataset.city import load_city
     from tsbench.dataset.maps.stats import draw_pool
-    from tsbench.scenarios.map_pool import pool_file, read_pool
 
     found = load_city(name)
     click.echo(found.title)
@@ -88,8 +93,6 @@ def show(name: str, png: Path | None, streets: bool, rose: Path | None, osm_dir:
 
 def _show_streets(city: City, osm_dir: Path | None, rose: Path | None) -> None:
     """Statistics of the street network of each extract, and a picture of the directions of its streets."""
-    from tsbench.dataset.maps.extracts import find_extract
-    from tsbench.dataset.maps.paths import sources_dir
     from tsbench.dataset.maps.streets import draw_bearings, graph_of, streets_of
 
     with using_city(city.name):
@@ -156,13 +159,8 @@ def new(
     osm: Path | None,
 ) -> None:
     """Describe an extract, or the roads of a box or place that are fetched, as the city NAME in cities/NAME.yaml."""
-    from tsbench.dataset.city import describe_city, new_city_file
-    from tsbench.dataset.maps import overpass
-    from tsbench.dataset.maps.names import ending_of
     from tsbench.dataset.maps.own_extract import facts_of
-    from tsbench.dataset.maps.paths import sources_dir
     from tsbench.dataset.maps.place import GEOCODER, outline_of
-    from tsbench.signs.driving_side import country_code
 
     file, code = new_city_file(name), country_code(country, "--country")
     if osm is not None and not osm.is_dir() and ending_of(osm.name):
@@ -199,9 +197,6 @@ def new(
 @options.osm
 def fetch(name: str, osm_dir: Path | None) -> None:
     """Fetch a city's extracts that are not there, each from its address, and check them."""
-    from tsbench.dataset.city import fetch_extracts
-    from tsbench.dataset.maps.paths import sources_dir
-
     fetch_extracts(name, osm_dir or sources_dir(), click.echo)
 
 
@@ -212,11 +207,7 @@ def fetch(name: str, osm_dir: Path | None) -> None:
 @options.workers
 def build(name: str, types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Build a city's data set: pool, pairs of every type in dev and test, certificates. Resumable."""
-    from tsbench.dataset.maps.paths import sources_dir
     from tsbench.dataset.scenes.city_build import build_city
-    from tsbench.run.edition import edition_now
-    from tsbench.scenarios.map_pool import pool_file, read_pool
-    from tsbench.scenarios.table import read_table, splits_there, table_path
 
     chosen = options.types_of(types)
     with using_city(name):
@@ -234,7 +225,6 @@ def build(name: str, types: tuple[str, ...], osm_dir: Path | None, workers: int)
 def write_surfaces(name: str, osm_dir: Path | None) -> None:
     """Write what lies around a built city's roads, for pictures: buildings, greenery, water of its extracts."""
     from tsbench.dataset.maps.ground import write_ground
-    from tsbench.dataset.maps.paths import sources_dir
 
     with using_city(name):
         path, maps = write_ground(osm_dir or sources_dir())
@@ -244,11 +234,8 @@ def write_surfaces(name: str, osm_dir: Path | None) -> None:
 
 def _show_types(name: str, pool: list[PoolRow], types: tuple[str, ...] = ()) -> None:
     """What the city in use carries."""
-    from tsbench.dataset.city import load_city
     from tsbench.dataset.scenes.carried import carried
     from tsbench.dataset.scenes.overview import build_report, report_file
-    from tsbench.dataset.scenes.recipe import load_recipe, recipe_types
-    from tsbench.signs.catalog import load_catalog
 
     catalog = load_catalog()
     recipes = [load_recipe(type_id, catalog) for type_id in types or recipe_types()]

@@ -17,7 +17,7 @@ from rich.table import Table
 
 from tsbench.core.streams import progress_console
 from tsbench.core.text import written_out
-from tsbench.run.progress import LINE_EVERY_S
+from tsbench.run.run_progress import LINE_EVERY_S
 
 if TYPE_CHECKING:
     from tsbench.report.analyses.analysis import Analysis

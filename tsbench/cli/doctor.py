@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from tsbench.cli import EXIT_FAILED
+from tsbench.tools.diagnosis import Status, examine
 
 _COLOURS = {"ok": "green", "note": "yellow", "failed": "red"}
 
@@ -25,8 +26,6 @@ def doctor(arithmetic: bool, write: bool) -> None:
 
     A note is about what only some commands need.
     """
-    from tsbench.tools.diagnosis import Status, examine
-
     findings = examine()
     if write and not arithmetic:
         raise click.UsageError("--write goes with --arithmetic")

@@ -13,12 +13,16 @@ from rich.progress import Progress
 
 from tsbench.cli import EXIT_FAILED, EXIT_NOT_COMPARABLE, options
 from tsbench.core.errors import InputError
+from tsbench.core.extras import load
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import using_city
 from tsbench.core.streams import progress_console
+from tsbench.leaderboard.claim import claim_of, claims_of
+from tsbench.leaderboard.submission import json_schema
+from tsbench.run.isolation.image import image_of, in_image
 
 if TYPE_CHECKING:
-    from tsbench.leaderboard.verify import Verification
+    from tsbench.leaderboard.verification import Verification
 
 
 @click.command()
@@ -45,7 +49,6 @@ def submit(
 
     The run is judged again from its traces. docs/leaderboard.md says where the file goes.
     """
-    from tsbench.core.extras import load
     from tsbench.leaderboard.submit import make_submission
 
     made = make_submission(
@@ -91,9 +94,10 @@ def submit(
     help="Of the draw: your own choice, made after the submission.",
 )  # fmt: skip
 @click.option(
-    "--shared-process", is_flag=True,
+    "--shared-process",
+    is_flag=True,
     help="Drive it beside the referee: for a planner whose code you trust. The record says so.",
-)  # fmt: skip
+)
 @click.option("--by", "verifier", default="", metavar="TEXT", help="Who verifies.")
 @options.run_workers
 @options.out("JSON file to write the record to.", type=options.FILE)
@@ -105,10 +109,8 @@ def verify(
 
     Exit status 1 where it is refuted, 3 where the verdicts are equal and the bytes cannot be compared.
     """
-    from tsbench.leaderboard.claim import claim_of, claims_of
-    from tsbench.leaderboard.verify import ClaimVerdict
-    from tsbench.leaderboard.verify import verify as run_verify
-    from tsbench.run.isolation.image import image_of, in_image
+    from tsbench.leaderboard.verification import ClaimVerdict
+    from tsbench.leaderboard.verification import verify as run_verify
 
     claims = claims_of(claimed) if claimed.is_dir() else [claim_of(claimed)]
     if name is not None:
@@ -173,8 +175,6 @@ def build(folder: Path, out: Path, players: int) -> None:
 
     Traces of NAME.json lie in NAME.traces beside it.
     """
-    from tsbench.core.extras import load
-
     pages = load("tsbench.leaderboard.site").build_site(folder, out, players)
     click.echo(f"{out / 'index.html'}: {pages} rows")
 
@@ -182,6 +182,4 @@ def build(folder: Path, out: Path, players: int) -> None:
 @leaderboard.command()
 def schema() -> None:
     """Print the JSON Schema of submissions."""
-    from tsbench.leaderboard.submission import json_schema
-
     click.echo(json.dumps(json_schema(), indent=1))

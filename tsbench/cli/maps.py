@@ -9,6 +9,9 @@ import click
 
 from tsbench.cli import options
 from tsbench.cli.console import bars, print_notes, print_table
+from tsbench.dataset.city import chosen_city
+from tsbench.dataset.maps import overpass, paths
+from tsbench.scenarios.map_pool import pool_file, read_pool
 
 if TYPE_CHECKING:
     from tsbench.dataset.maps.stats import CountTable
@@ -25,7 +28,6 @@ def maps() -> None:
 @options.out("Network to write, .net.xml or .net.xml.gz.", type=options.FILE, required=True)
 def convert(extract: Path, out: Path) -> None:
     """Convert an OSM EXTRACT (.osm, .gz, .bz2, .pbf) to a SUMO network."""
-    from tsbench.dataset.city import chosen_city
     from tsbench.dataset.maps.netconvert import convert_extract
 
     facts, city = convert_extract(extract, out), chosen_city()
@@ -50,7 +52,6 @@ def convert(extract: Path, out: Path) -> None:
 @options.workers
 def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
     """Harvest all extracts of a folder into the pool. Interrupted, it goes on where it was."""
-    from tsbench.dataset.maps import paths
     from tsbench.dataset.maps.harvest import harvest as run_harvest
     from tsbench.dataset.maps.stats import count_tables
 
@@ -79,7 +80,6 @@ def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
 def stats(pool_path: Path | None, png: Path | None) -> None:
     """Count the pool by family, shape, lanes, curvature, length and source."""
     from tsbench.dataset.maps.stats import count_tables, draw_pool
-    from tsbench.scenarios.map_pool import pool_file, read_pool
 
     pool = read_pool(pool_path or pool_file())
     _print_counts(count_tables(pool))
@@ -94,8 +94,6 @@ def stats(pool_path: Path | None, png: Path | None) -> None:
 @options.out("Folder.  [default: sumo_nets/sources]", type=options.FOLDER)
 def fetch(name: str, bbox: str, date: str | None, server: str | None, out: Path | None) -> None:
     """Fetch the roads of a box from OpenStreetMap as the extract NAME."""
-    from tsbench.dataset.maps import overpass, paths
-
     path = (out or paths.sources_dir()) / f"{name}.osm.gz"
     digest = overpass.fetch_extract(
         path, overpass.address(overpass.parse_box(bbox), date, server or overpass.SERVER)
@@ -110,7 +108,6 @@ def fetch(name: str, bbox: str, date: str | None, server: str | None, out: Path 
 @options.out("PNG file to draw.", type=options.FILE, required=True)
 def show(map_ids: tuple[str, ...], osm_dir: Path | None, out: Path) -> None:
     """Cut maps from their extracts and draw them on one sheet."""
-    from tsbench.dataset.maps import paths
     from tsbench.report.map_sheet import draw_maps
 
     draw_maps(map_ids, osm_dir or paths.sources_dir(), out)

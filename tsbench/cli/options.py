@@ -10,9 +10,11 @@ import click
 
 from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
-from tsbench.core.paths import CITY, OWN_CITY, expanded, expanded_text, using_city
+from tsbench.core.paths import CITY, OWN_CITY, driven_city, expanded, expanded_text, using_city
 from tsbench.planners.common.batching import DEVICES
+from tsbench.run.plan import choose_types
 from tsbench.scenarios.table import SPLITS, read_table, splits_there, table_path
+from tsbench.signs.catalog import load_catalog
 from tsbench.signs.countries import Country, load_country
 
 if TYPE_CHECKING:
@@ -63,8 +65,6 @@ def _country(_context: click.Context, _parameter: click.Parameter, code: str | N
 
 def _city(context: click.Context, _parameter: click.Parameter, name: str | None) -> None:
     if name is not None:
-        from tsbench.core.paths import driven_city
-
         context.with_resource(using_city(driven_city(name)))
 
 
@@ -107,9 +107,10 @@ def planners(help: str, *, required: bool = False, default: tuple[str, ...] = ()
 
 
 image = click.option(
-    "--image", metavar="IMAGE",
+    "--image",
+    metavar="IMAGE",
     help="Run isolated planners in containers of this image, by Docker or Podman: docs/isolation.md.",
-)  # fmt: skip
+)
 
 
 def split(default: str | None = None, *, required: bool = False, made: bool = False) -> Option:
@@ -175,9 +176,11 @@ workers = click.option(
 # Without a number the run itself decides: planners with networks want more episodes at once than there are cores.
 run_workers = click.option("--workers", type=POSITIVE, show_default="all", metavar="N", help="Cores to use.")
 trajectories = click.option(
-    "--trajectories", type=PATH, metavar="FILE",
+    "--trajectories",
+    type=PATH,
+    metavar="FILE",
     help="The oracle's chosen drives. Default: scenarios/oracle.parquet of the data folder.",
-)  # fmt: skip
+)
 device = click.option(
     "--device", type=click.Choice(DEVICES), default="cpu", show_default=True, help="For learned planners."
 )
@@ -201,9 +204,6 @@ box_or_file = several(_bbox(False), _date, _server)
 
 def types_of(words: tuple[str, ...]) -> tuple[str, ...]:
     """The types that some types and groups are, sorted; none where none is named. Raises InputError."""
-    from tsbench.run.plan import choose_types
-    from tsbench.signs.catalog import load_catalog
-
     return tuple(sorted(choose_types(words, load_catalog()))) if words else ()
 
 

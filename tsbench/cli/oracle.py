@@ -21,7 +21,7 @@ from tsbench.learn.oracle.stats import stats as stats_of
 from tsbench.learn.oracle.stats import verify as verify_drives
 from tsbench.learn.oracle.trajectories import trajectories_path
 from tsbench.run.plan import Request
-from tsbench.run.progress import ProgressWatcher
+from tsbench.run.run_progress import ProgressWatcher
 
 _FOLDER = "runs/oracle"
 _split = options.split("train")

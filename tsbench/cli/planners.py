@@ -15,6 +15,9 @@ from tsbench.cli.console import print_table
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.planners import registry
+from tsbench.planners.check import Level, check_statically
+from tsbench.run.isolation.image import in_image
+from tsbench.scenarios.table import read_table, splits_there, table_path
 
 if TYPE_CHECKING:
     from tsbench.planners.check import Finding
@@ -50,7 +53,7 @@ def list_planners(parts: bool) -> None:
 
 
 def _print_parts() -> None:
-    from tsbench.planners.plant2.parts import parts  # brings torch
+    from tsbench.planners.plant2.plant2_network import parts  # brings torch
 
     rows = [
         (large.name, f"{small.parameters:,}", f"{large.parameters:,}", large.published or "-")
@@ -70,9 +73,7 @@ def _print_parts() -> None:
     help="Scenes to drive.",
 )
 @click.option(
-    "--submission",
-    is_flag=True,
-    help="Drive it isolated, and say what `tsbench submit` would refuse.",
+    "--submission", is_flag=True, help="Drive it isolated, and say what `tsbench submit` would refuse."
 )
 @options.image
 def check(planner: str, limit: int, submission: bool, image: str | None) -> int:
@@ -82,8 +83,6 @@ def check(planner: str, limit: int, submission: bool, image: str | None) -> int:
     if image is not None:
         raise InputError(f"--image {image}: a planner runs in an image isolated only: add --submission")
     # Not before it is needed: these bring SUMO with them.
-    from tsbench.planners.check import Level, check_statically
-    from tsbench.scenarios.table import read_table, splits_there, table_path
     from tsbench.tools.check_planner import check_driving, choose
 
     loaded = registry.resolve(planner)
@@ -100,7 +99,6 @@ def check(planner: str, limit: int, submission: bool, image: str | None) -> int:
 
 
 def _check_submission(planner: str, limit: int, image: str | None) -> int:
-    from tsbench.run.isolation.image import in_image
     from tsbench.tools.check_submission import check_submission  # brings SUMO
 
     console = Console()
@@ -110,8 +108,6 @@ def _check_submission(planner: str, limit: int, image: str | None) -> int:
 
 
 def _tell(planner: str, found: list[Finding], console: Console) -> int:
-    from tsbench.planners.check import Level
-
     style = {Level.OK: "green", Level.NOTE: "yellow", Level.PROBLEM: "bold red"}
     table = Table(box=None, show_header=False)
     for finding in found:

@@ -8,6 +8,8 @@ import click
 
 from tsbench.cli import options
 from tsbench.cli.console import bars, table_console
+from tsbench.report.tables.compare_runs import compare_runs, flips_csv, print_comparison
+from tsbench.run.log.read import is_run
 
 
 @click.command()
@@ -53,7 +55,6 @@ def view(runs: tuple[Path, ...], port: int) -> None:
     Every traced episode can be played: its trace is read when it is asked for.
     """
     from tsbench.report.page.report_server import HOST, make_server, runs_below  # brings matplotlib
-    from tsbench.run.log.read import is_run
 
     for run in runs:
         if not is_run(run):
@@ -85,8 +86,6 @@ def compare(
     A run with several planners is given as RUN:PLANNER. B-A is shown: more is better for B. Runs of different contracts
     or scenarios are refused unless forced.
     """
-    from tsbench.report.tables.compare_runs import compare_runs, flips_csv, print_comparison
-
     matched = compare_runs(run_a, run_b, force=force, allow_partial=allow_partial)
     print_comparison(matched, table_console(), flips)
     if csv is not None:

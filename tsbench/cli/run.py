@@ -15,13 +15,16 @@ from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import check_driven
 from tsbench.core.streams import progress_console
 from tsbench.episode.perception_level import EXACT
+from tsbench.report.analyses.analysis import print_analysis, to_markdown
+from tsbench.report.analyses.main_table import run_tables
 from tsbench.run.execution.executor import Limits
-from tsbench.run.execution.factory import EXECUTORS
+from tsbench.run.execution.local import EXECUTORS
 from tsbench.run.listener import KNOWN, make_listener
 from tsbench.run.log.folder import TABLES_TEXT
-from tsbench.run.options import LEAST_MEMORY_MB, Options
+from tsbench.run.log.rescored import write_rescored
 from tsbench.run.plan import BOTH, TRACES, VARIANTS, WHICH_HALVES, Request
-from tsbench.run.progress import ProgressWatcher
+from tsbench.run.run_options import LEAST_MEMORY_MB, Options
+from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import RunResult
 from tsbench.run.session import run as run_session
 
@@ -126,8 +129,7 @@ def rescore(folder: Path) -> None:
 
     Exit code 1 and a list of episodes where they differ. RUN/rescored.json says so to reports.
     """
-    from tsbench.run.log.rescored import write_rescored
-    from tsbench.tools.rescore import rescore as rescore_run  # brings SUMO's readers and statistics
+    from tsbench.tools.rescore import rescore as rescore_run  # brings SUMO's readers
 
     result = rescore_run(folder)
     if result.note:
@@ -145,9 +147,6 @@ def rescore(folder: Path) -> None:
 
 def _write_tables(folder: Path, summary: Summary) -> None:
     # They bring statistics, late as the summary itself.
-    from tsbench.report.analyses.analysis import to_markdown
-    from tsbench.report.analyses.main_table import run_tables
-
     path, text = folder / TABLES_TEXT, "\n".join(map(to_markdown, run_tables(summary)))
     # Looking at a complete run changes nothing in its folder.
     if not path.is_file() or path.read_text(encoding="utf-8") != text:
@@ -157,9 +156,6 @@ def _write_tables(folder: Path, summary: Summary) -> None:
 
 def _tell(ended: RunResult, console: Console) -> None:
     if ended.summary is not None:
-        from tsbench.report.analyses.analysis import print_analysis
-        from tsbench.report.analyses.main_table import run_tables
-
         for table in run_tables(ended.summary):
             print_analysis(table, console)
     lines = [f"{ended.finished} of {ended.asked} episodes finished, {ended.errors} with an error outcome"]

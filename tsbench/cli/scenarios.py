@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import shlex
+import subprocess
 from dataclasses import asdict
 from pathlib import Path
 
 import click
+import numpy as np
 
 from tsbench.cli import EXIT_FAILED, options
 from tsbench.cli.analyse import out as analysis_out
@@ -14,7 +17,14 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
 from tsbench.core.paths import dataset_root, source_city, using_city
 from tsbench.dataset.maps.paths import sources_dir
+from tsbench.dataset.scenes.axes import type_axes
+from tsbench.dataset.scenes.place_lint import finding_counts, lint_rows
+from tsbench.report.analyses.analysis import to_csv
+from tsbench.report.wording import scene_facts
+from tsbench.scenarios.certificates import certificates_path, read_certificates
+from tsbench.scenarios.scene_loader import SceneLoader, load_scene
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import check_files
 from tsbench.scenarios.table import SPLITS
 from tsbench.signs.countries import Country
 
@@ -78,16 +88,12 @@ def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None,
 @options.types
 @options.split(made=True)
 @click.option(
-    "--each",
-    type=options.POSITIVE,
-    metavar="N",
-    help="N pairs of each type, drawn at random; default: all.",
+    "--each", type=options.POSITIVE, metavar="N", help="N pairs of each type, drawn at random; default: all."
 )
 @options.workers
 def certify(types: tuple[str, ...], split: str | None, each: int | None, workers: int) -> None:
     """Drive rows once more in other processes and renew their certificates. Resumable; exit code 1 if any fails."""
     from tsbench.dataset.certify.recertify import draw_sample, recertify
-    from tsbench.scenarios.store import check_files
 
     rows = options.rows_of(split, types)
     if each is not None:
@@ -116,9 +122,6 @@ def list_(split: str | None, types: tuple[str, ...]) -> None:
 @options.caption_country
 def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
     """A scenario as text, and as a picture."""
-    from tsbench.report.wording import scene_facts
-    from tsbench.scenarios.scene_loader import load_scene
-
     spec = _find(scenario_id)
     scene = load_scene(spec)
     facts = {**{key: str(value) for key, value in asdict(spec).items()}, **scene_facts(scene, country)}
@@ -137,11 +140,6 @@ def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
 @click.option("--run", "launch", is_flag=True, help="Start sumo-gui too.")
 def open_(scenario_id: str, out: Path | None, launch: bool) -> None:
     """Write a scene's files into a folder, and print the sumo-gui command that opens them."""
-    import shlex
-    import subprocess
-
-    from tsbench.scenarios.scene_loader import load_scene
-
     scene = load_scene(_find(scenario_id))
     folder = out or Path("runs/scenes") / scenario_id
     files = {
@@ -168,7 +166,6 @@ def open_(scenario_id: str, out: Path | None, launch: bool) -> None:
 def verify(split: str | None) -> None:
     """Check hashes, files and scenes of all rows; exit code 1 and one line per problem."""
     from tsbench.dataset.scenes.verify import verify_certificates, verify_pairs, verify_rows, verify_split
-    from tsbench.scenarios.scene_loader import SceneLoader
 
     rows = options.rows_of(split)
     with bars() as show:
@@ -183,14 +180,10 @@ def verify(split: str | None) -> None:
 @scenarios.command()
 @options.types
 @options.split(made=True)
-@click.option(
-    "--each", type=options.POSITIVE, metavar="N", help="N pairs of each type, drawn; default: all."
-)  # fmt: skip
+@click.option("--each", type=options.POSITIVE, metavar="N", help="N pairs of each type, drawn; default: all.")
 def lint(types: tuple[str, ...], split: str | None, each: int | None) -> None:
     """Check where plates stand (sign_catalog/places.yaml) and whether vehicles break them; exit code 1 if so."""
     from tsbench.dataset.certify.recertify import draw_sample
-    from tsbench.dataset.scenes.place_lint import finding_counts, lint_rows
-    from tsbench.scenarios.scene_loader import SceneLoader
 
     rows = options.rows_of(split, types)
     rows = rows if each is None else draw_sample(rows, each)
@@ -211,10 +204,8 @@ def lint(types: tuple[str, ...], split: str | None, each: int | None) -> None:
 )
 def stats(markdown: Path | None) -> None:
     """Rows, maps, unique places, certificates, distinct values per axis, tagging and quotas per type and split."""
-    from tsbench.dataset.scenes.axes import type_axes
     from tsbench.dataset.scenes.overview import build_report, type_stats
     from tsbench.dataset.scenes.tagging import tagging
-    from tsbench.report.analyses.analysis import to_csv
     from tsbench.report.tables.dataset_tables import axes_table, dataset_page, dataset_tables, tagging_table
 
     rows = options.rows_of(None)
@@ -259,12 +250,8 @@ def browse(types: tuple[str, ...], split: str | None, out: Path, workers: int) -
 @analysis_out("calibration.csv, .tex, .md, .png and .svg")
 def calibration(split: str | None, limit: int, out: Path) -> None:
     """Initial speed, cruise speed and density against nuPlan's: KS distances and a figure of the CDFs."""
-    import numpy as np
-
     from tsbench.dataset.scenes.calibration import calibrate, driven_speeds, grid_speeds, sample_rows
     from tsbench.report.analyses.traffic_calibration import calibration as compared
-    from tsbench.scenarios.certificates import certificates_path, read_certificates
-    from tsbench.scenarios.scene_loader import SceneLoader
     from tsbench.sim.sumo import Simulation
 
     rows = options.rows_of(split)

@@ -10,6 +10,8 @@ from tsbench.cli import options
 from tsbench.cli.console import bars
 from tsbench.core.errors import TsbenchError
 from tsbench.core.paths import using_city
+from tsbench.dataset.maps.paths import sources_dir
+from tsbench.run.edition import edition_now
 
 _SECRET = "--secret"
 
@@ -37,9 +39,7 @@ def secret(file: Path) -> None:
 @options.workers
 def build(name: str, secret: Path, types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Build the city NAME's data set as `tsbench city build` does, drawn with a secret. Resumable."""
-    from tsbench.dataset.maps.paths import sources_dir
     from tsbench.dataset.seal import build_sealed
-    from tsbench.run.edition import edition_now
 
     chosen = options.types_of(types)
     with using_city(name):

@@ -6,6 +6,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
 
 from tsbench.cli import options
 from tsbench.cli.console import table_console
@@ -13,6 +16,10 @@ from tsbench.cli.options import POSITIVE, Option, several
 from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
 from tsbench.episode.perception_level import EXACT, load_level
+from tsbench.learn.code_counts import count, write_counts
+from tsbench.metrics.intervals import share_ends
+from tsbench.planners.weights import network
+from tsbench.scenarios.store import check_files
 
 if TYPE_CHECKING:
     from tsbench.learn.finetune.recipe import FineTuning
@@ -61,7 +68,7 @@ def _reinforcement(steps: int, out: str) -> Option:
             help="Rollouts of imitation before that, those of earlier sessions included. Default: the planner's.",
         ),
         _rate(None, "Learning rate that this session begins with; it falls to a tenth. Default: the planner's."),
-        options.more, options.seed, options.types, options.device, _out(out),
+        several(options.more, options.seed, options.types, options.device, _out(out)),
     )  # fmt: skip
 
 
@@ -80,8 +87,8 @@ def carl(**asked: Any) -> None:
 
 
 def _train(planner: str, out: Path, **asked: Any) -> None:
-    from tsbench.learn.rl.config import Job
-    from tsbench.learn.rl.train import train as learn  # brings torch
+    from tsbench.learn.rl.ppo_config import Job
+    from tsbench.learn.rl.ppo_training import train as learn  # brings torch
 
     job = Job(planner, out, **asked)
     # Its processes read the rows themselves; what they lack is said before they start.
@@ -124,10 +131,10 @@ def plant2(
 def _lessons(drives: int, out: str) -> Option:
     """The options that say which drives are learned from, and with what."""
     return several(
-        options.trajectories,
-        options.planners("Expert that drives anew instead, in turn"),
-        _count("--drives", drives, "To learn from, types in turn; 0: all.", least=0),
-        options.more,
+        several(
+            options.trajectories, options.planners("Expert that drives anew instead, in turn"),
+            _count("--drives", drives, "To learn from, types in turn; 0: all.", least=0), options.more,
+        ),
         click.option(
             "--student", type=options.FOLDER, metavar="DIR",
             help="Folder of plant2-ft's weights that begin a share of the drives; --demonstrator ends them.",
@@ -151,15 +158,17 @@ def _lessons(drives: int, out: str) -> Option:
         click.option(
             "--perceived", default=0.3, show_default=True, type=click.FloatRange(0.0, 1.0), help="That share."
         ),
-        options.types, options.seed, options.workers, _cache_gb, _out(out),
+        several(options.types, options.seed, options.workers, _cache_gb, _out(out)),
     )  # fmt: skip
 
 
 @train.command("plant2-ft", short_help="Fine-tuning of plant2 on obedient drives.")
 @click.option(
-    "--base", type=options.FOLDER, metavar="DIR",
+    "--base",
+    type=options.FOLDER,
+    metavar="DIR",
     help="Folder of the plant2 or plant2-ft weights to begin with; default: tsbench's own plant2.",
-)  # fmt: skip
+)
 @_count("--epochs", 26, "Passes over their frames.")
 @_count("--batch", 128, least=8)
 @_rate(1e-4)
@@ -182,8 +191,8 @@ def plant2_ft(device: str, workers: int, cache_gb: float, out: Path, **asked: An
 @_lessons(drives=290, out="runs/frames")
 def frames(workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
     """What plant2-ft is shown: counts, targets, and ten frames of each group as pictures."""
+    from tsbench.learn.finetune.drives_report import report
     from tsbench.learn.finetune.recipe import finetune_drives
-    from tsbench.learn.finetune.report import report
 
     recipe, rows = _recipe(**asked)
     for path in report(
@@ -215,8 +224,6 @@ def _recipe(
 @options.out("Where the counts go.", "runs/codes.csv", type=options.FILE)
 def codes(out: Path) -> None:
     """Which plates stand in signed and in contrast halves of the train split: all that the floor codes knows."""
-    from tsbench.learn.codes import count, write_counts
-
     write_counts(count(_train_rows(())), out)
     click.echo(out)
 
@@ -238,26 +245,22 @@ _SHARES = {
 )
 @_count("--each", 4, "Episodes of a type.")
 @click.option(
-    "--stop-policy", type=(float,) * 5, metavar="SHARE WAITS RISE HOLD BRAKES",
+    "--stop-policy",
+    type=(float,) * 5,
+    metavar="SHARE WAITS RISE HOLD BRAKES",
     help="Of plant2-ft, instead of its own: from which share of standing it halts, what is added to that "
     "each second (1/s) after a wait of so many seconds, how many seconds a halt lasts beyond the last such plan, and "
     "its least deceleration (m/s2).",
-)  # fmt: skip
+)
 @several(options.types, options.seed, options.workers)
 def measure(
     folder: Path | None, planner: str, each: int, stop_policy: tuple[float, ...] | None, types: tuple[str, ...],
     seed: int, workers: int,
 ) -> None:  # fmt: skip
     """How the weights in FOLDER (default: tsbench's own) drive on kept-out maps of the train split, by type."""
-    import numpy as np
-    from rich.box import SIMPLE_HEAD
-    from rich.table import Table
-
     from tsbench.learn.imitation.recipe import validation_rows
     from tsbench.learn.imitation.skill import drive, skill_of
-    from tsbench.metrics.intervals import share_ends
     from tsbench.planners.plant2.planner_ft import StopPolicy
-    from tsbench.planners.weights import network
 
     network(planner, folder)
     if stop_policy and planner == "plant2":
@@ -285,8 +288,6 @@ def measure(
 
 def _train_rows(words: tuple[str, ...]) -> list[ScenarioSpec]:
     """The train table's rows of some types and groups, whose files are there."""
-    from tsbench.scenarios.store import check_files
-
     rows = options.rows_of("train", words)
     check_files(rows)
     return rows

@@ -26,8 +26,10 @@ _BLANK = re.compile(
 )
 # Scripts that stand in one word, by the first word of a letter's name in Unicode: UTS 39, "highly restrictive".
 _TOGETHER = (
-    {"LATIN", "CJK", "HIRAGANA", "KATAKANA"}, {"LATIN", "CJK", "BOPOMOFO"}, {"LATIN", "CJK", "HANGUL"},
-)  # fmt: skip
+    {"LATIN", "CJK", "HIRAGANA", "KATAKANA"},
+    {"LATIN", "CJK", "BOPOMOFO"},
+    {"LATIN", "CJK", "HANGUL"},
+)
 # Cells that a spreadsheet takes for a formula.
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 

@@ -20,8 +20,7 @@ from tsbench.core.paths import LEFT, MIRRORED, cities_folder, city_in_use, drive
 from tsbench.core.typed import SCHEMA, read_sheet
 from tsbench.dataset.maps.names import extracts_in, file_at
 from tsbench.dataset.maps.utm import UtmFrame
-from tsbench.signs.countries import country_codes, load_country
-from tsbench.signs.driving_side import Side, country_code, driving_sides
+from tsbench.signs.countries import Side, country_code, country_codes, driving_sides, load_country
 
 # A country's extract has less.
 _MOST_BYTES = 1 << 34

@@ -38,8 +38,8 @@ def _register(name: str, types: str | None) -> None:
         if versioned not in gymnasium.registry:
             gymnasium.register(
                 versioned,
-                entry_point="tsbench.envs.drive:DriveEnv",
-                vector_entry_point="tsbench.envs.several:drive_in_processes",
+                entry_point="tsbench.envs.drive_env:DriveEnv",
+                vector_entry_point="tsbench.envs.drive_env:drive_in_processes",
                 max_episode_steps=MAX_STEPS,
                 kwargs={"types": types, **defaults},
             )

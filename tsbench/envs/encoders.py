@@ -1,8 +1,12 @@
-"""What an environment shows: the kinds of observation, each with its space and its encoder."""
+"""What an environment shows, each kind of observation with its space, and its actions of two numbers.
+
+Units: m, m/s, m/s2.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, Protocol
 
@@ -10,9 +14,10 @@ import numpy as np
 from gymnasium import spaces
 
 from tsbench.envs.objects import ObjectsSeen
-from tsbench.envs.scene import SceneSeen
-from tsbench.planners.base import Observation, PlannerContext
+from tsbench.envs.scene_seen import SceneSeen
+from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.ppo.vector import SIZE, VectorEncoder
+from tsbench.planners.rl.actions import ACTIONS, Act, accelerate, aim
 
 
 class ObservationEncoder(Protocol):
@@ -56,3 +61,20 @@ KINDS: dict[str, Callable[[], ObservationEncoder]] = {
     "vector": VectorSeen, "bev": _bev, "objects": ObjectsSeen, "scene": SceneSeen,
     "plates": partial(SceneSeen, lanes=False),
 }  # fmt: skip
+
+
+_FASTEST_MPS, _GAIN_PER_S = 25.0, 1.0
+
+
+def cruise(first: float, second: float, observation: Observation) -> Control:
+    """A speed to drive at, -1 = 0 and 1 = 25 m/s, and a place beside the route as `aim` has it.
+
+    A number that does not change keeps a limit; with `aim` that needs ever new ones.
+    """
+    wanted = _FASTEST_MPS * (min(max(first, -1.0), 1.0) + 1.0) / 2.0
+    wish = _GAIN_PER_S * (wanted - observation.ego.speed)
+    command = min(max(wish, accelerate(-1.0)), accelerate(1.0))
+    return replace(aim(0.0, second, observation), acceleration=command)
+
+
+PLAIN: dict[str, Act] = {**ACTIONS, "cruise": cruise}

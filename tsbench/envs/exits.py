@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import pairwise
 
-from tsbench.envs.scene import ways_to
+from tsbench.envs.scene_seen import ways_to
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.rl.actions import aim
 from tsbench.roads.lane_graph import RoutePath, heading_change

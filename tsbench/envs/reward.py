@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from tsbench.episode.outcome import Outcome
 from tsbench.planners.base import Observation
-from tsbench.planners.common.route_speed import RouteSpeed
+from tsbench.planners.common.measurements import RouteSpeed
 from tsbench.planners.helpers import RoadAhead
 
 

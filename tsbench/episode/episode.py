@@ -8,8 +8,7 @@ from collections.abc import Callable, Generator, Sequence
 from tsbench.core.errors import PlannerOutputError, SimulationError
 from tsbench.episode.command import Plan, to_command, to_plan
 from tsbench.episode.observation import Observer, destination_on_map, ego_on_map
-from tsbench.episode.outcome import EpisodeFacts, Outcome, TerminationCheck
-from tsbench.episode.phase import Phase
+from tsbench.episode.outcome import EpisodeFacts, Outcome, Phase, TerminationCheck
 from tsbench.planners.base import Control, Observation, Trajectory
 from tsbench.rules.monitors import make_monitors
 from tsbench.scenarios.scene_loader import Roads
@@ -72,7 +71,8 @@ class Episode:
         m = self.motion
         lane, s, d, on_road = self.roads.locator.locate(m.x, m.y, m.heading, last)
         return EgoState(
-            m.x, m.y, m.heading, m.speed, m.acceleration, m.steering, m.yaw_rate, lane, s, d, on_road
+            x=m.x, y=m.y, heading=m.heading, speed=m.speed, acceleration=m.acceleration, steering=m.steering,
+            yaw_rate=m.yaw_rate, lane=lane, s=s, d=d, on_road=on_road,
         )  # fmt: skip
 
     def _record_snapshot(self, step: int) -> bool:

@@ -65,19 +65,23 @@ class Observer:
         for s in self._exactly(ego) if self._eyes is None else self._perceived(self._eyes, snapshot, seen):
             distance = math.hypot(s.x - ego.x, s.y - ego.y)
             if distance <= SIGN_RANGE_M:
-                view = SignView(
-                    s.code, s.value, s.x, s.y, s.heading, s.edge, s.lane, s.position_m, distance, s.outline, s.main_road
-                )  # fmt: skip
-                signs.append(view)
+                signs.append(replace(s, distance=distance))
         if len(signs) > 1:
             signs.sort(key=_by_place)
         obstacles = self._obstacles and tuple(
             o for o in self._obstacles if math.hypot(o.x - ego.x, o.y - ego.y) <= OBSTACLE_RANGE_M
         )
         return Observation(
-            k, snapshot.time, seen, history, route, self._traffic_view.see(snapshot.actors, ego), tuple(signs),
-            obstacles, snapshot if self._privileged else None,
-        )  # fmt: skip
+            step=k,
+            time=snapshot.time,
+            ego=seen,
+            history=history,
+            route=route,
+            actors=self._traffic_view.see(snapshot.actors, ego),
+            signs=tuple(signs),
+            obstacles=obstacles,
+            truth=snapshot if self._privileged else None,
+        )
 
     def _exactly(self, ego: EgoState) -> list[SignView]:
         """All plates, those that have not faced the ego yet from behind; what is read once is known from then on."""
@@ -103,9 +107,7 @@ def ego_on_map(view: PlannerMap, ego: EgoState) -> EgoState:
         lane, s, d = -1, 0.0, 0.0
     else:
         lane, s, d = at.lane, at.start + at.sign * ego.s, at.sign * ego.d
-    return EgoState(
-        ego.x, ego.y, ego.heading, ego.speed, ego.acceleration, ego.steering, ego.yaw_rate, lane, s, d, ego.on_road
-    )  # fmt: skip
+    return replace(ego, lane=lane, s=s, d=d)
 
 
 def destination_on_map(view: PlannerMap, scene: Scene) -> Destination:
@@ -122,7 +124,17 @@ def _plate(view: PlannerMap, scene: Scene, sign: SignInstance, main_road: tuple[
             lane = view.map.lanes[at].order if at >= 0 else -1
     outline = load_catalog().sign(sign.code).outline
     return SignView(
-        sign.code, sign.value, sign.x, sign.y, sign.heading, edge, lane, s, math.inf, outline, main_road
+        code=sign.code,
+        value=sign.value,
+        x=sign.x,
+        y=sign.y,
+        heading=sign.heading,
+        edge=edge,
+        lane=lane,
+        position_m=s,
+        distance=math.inf,
+        outline=outline,
+        main_road=main_road,
     )
 
 

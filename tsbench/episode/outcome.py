@@ -2,17 +2,44 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
-from dataclasses import dataclass
-from enum import StrEnum
+from dataclasses import dataclass, field
+from enum import IntEnum, StrEnum
 
 from tsbench.core.benchmark import ARRIVAL_M
+from tsbench.episode.command import Plan
 from tsbench.episode.fault import contact_at_fault
+from tsbench.episode.perception import SignDetection
+from tsbench.geometry.footprint import boxes_overlap
+from tsbench.geometry.polyline import Array
 from tsbench.rules.monitor import Monitor, Verdict, Violation
-from tsbench.sim.contact import touched_actor, touched_obstacle
+from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.navigation import RouteView
-from tsbench.sim.scene import Scene
-from tsbench.sim.world import ActorKind, WorldSnapshot
+from tsbench.sim.scene import Obstacle, Scene
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, Actors, EgoState, WorldSnapshot, ego_box
+
+_EGO_RADIUS_M = math.hypot(EGO_LENGTH_M, EGO_WIDTH_M) / 2
+
+
+def touched_actor(ego: EgoState, actors: Actors) -> int:
+    """Position in `actors` of the first one whose footprint overlaps the ego's, or -1."""
+    ex, ey = ego.x, ego.y
+    # Half the longest body plus a metre and a half is beyond any corner of a road vehicle.
+    reach = actors.table.longest * 0.5 + 1.5 + _EGO_RADIUS_M
+    for k, box in enumerate(actors.boxes):
+        dx, dy = box[0] - ex, box[1] - ey
+        if dx * dx + dy * dy < reach * reach and boxes_overlap(*ego_box(ego), *box):
+            return k
+    return -1
+
+
+def touched_obstacle(ego: EgoState, obstacles: tuple[Obstacle, ...]) -> Obstacle | None:
+    """The first obstacle that the ego's footprint overlaps."""
+    for o in obstacles:
+        if boxes_overlap(*ego_box(ego), o.x, o.y, o.heading, o.length, o.width):
+            return o
+    return None
 
 
 class Outcome(StrEnum):
@@ -124,3 +151,46 @@ class EpisodeFacts:
     def obeyed(self) -> bool:
         """Was the target's rule kept, nothing obeyed that no plate asks for, and no lane driven the wrong way?"""
         return not self.against
+
+
+@dataclass(frozen=True)
+class EpisodeResult:
+    """One episode. `facts` is None if it ended before the first tick (a scene that does not load).
+
+    error: one line, or ""; detail: traceback and SUMO's last words for `errors/`.
+    planner_s: (n,) seconds that the planner took at each tick; sim_s, start_s, total_s: wall-clock seconds.
+    commands: (n, 2) acceleration and steering as asked by the planner (or its trajectory's tracker).
+    plans: where the planner meant to drive, with each command that told it.
+    told: what it was told of plates, where its eyes were not exact.
+    """
+
+    spec: ScenarioSpec
+    planner: str
+    outcome: Outcome
+    error: str
+    detail: str
+    facts: EpisodeFacts | None
+    commands: Array
+    planner_s: Array
+    start_s: float
+    sim_s: float
+    total_s: float
+    plans: tuple[Plan | None, ...] = field(default=(), kw_only=True)
+    told: tuple[SignDetection, ...] = field(default=(), kw_only=True)
+
+
+class Phase(IntEnum):
+    """Told at each change; PLANNING is the planner's own time, making it and `reset` included."""
+
+    IDLE = 0
+    LOADING = 1
+    SIMULATING = 2
+    PLANNING = 3
+    SCORING = 4
+
+    @property
+    def words(self) -> str:
+        return _WORDS[self]
+
+
+_WORDS = ("between episodes", "loading the scene", "in the simulation", "in the planner", "in the monitors")

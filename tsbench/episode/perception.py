@@ -85,9 +85,11 @@ class _TrackedSign:
         self.smallest_px = level.half_px + level.scale_px * log_of(size / (1.0 - size))
         shift = level.noise_m * (2.0 * draw("place", *self.name) - 1.0)
         self.told_as = replace(
-            self.told_as, x=view.x + shift * math.cos(view.heading), y=view.y + shift * math.sin(view.heading),
+            self.told_as,
+            x=view.x + shift * math.cos(view.heading),
+            y=view.y + shift * math.sin(view.heading),
             position_m=view.position_m + shift if view.edge else view.position_m,
-        )  # fmt: skip
+        )
         self.behind = replace(self.told_as.from_behind(), outline=view.outline)
 
 
@@ -141,7 +143,17 @@ class SignDetector:
     def _note(self, step: int, kind: str, sign: str, role: str, view: SignView, ego: EgoState) -> None:
         ahead = (view.x - ego.x) * math.cos(ego.heading) + (view.y - ego.y) * math.sin(ego.heading)
         told = SignDetection(
-            step, kind, sign, role, view.code, view.value, view.x, view.y, ahead, ego.speed, view.outline
+            step=step,
+            kind=kind,
+            sign=sign,
+            role=role,
+            code=view.code,
+            value=view.value,
+            x=view.x,
+            y=view.y,
+            ahead_m=ahead,
+            speed=ego.speed,
+            outline=view.outline,
         )
         self.told.append(told)
 
@@ -172,7 +184,18 @@ class SignDetector:
         if seen.lane >= 0 and not self._map.lanes[seen.lane].internal:
             lane = self._map.lanes[seen.lane]
             edge, position = lane.edge, min(seen.s + _FALSE_AHEAD_M, lane.line.length)
-        return SignView(sign.code, value, x, y, ego.heading, edge, -1, position, math.inf, sign.outline)
+        return SignView(
+            code=sign.code,
+            value=value,
+            x=x,
+            y=y,
+            heading=ego.heading,
+            edge=edge,
+            lane=-1,
+            position_m=position,
+            distance=math.inf,
+            outline=sign.outline,
+        )
 
 
 def draw(*names: object) -> float:

@@ -13,10 +13,8 @@ from tsbench.core.errors import InputError, PlannerOutputError, SimulationError,
 from tsbench.core.seeds import floor_seed, planner_seed
 from tsbench.episode.episode import Episode
 from tsbench.episode.observation import Observer, destination_on_map
-from tsbench.episode.outcome import Outcome
+from tsbench.episode.outcome import EpisodeResult, Outcome, Phase
 from tsbench.episode.perception_level import EXACTLY, Perception
-from tsbench.episode.phase import Phase
-from tsbench.episode.result import EpisodeResult
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
@@ -128,14 +126,7 @@ class EpisodeLoop:
         if privileged:
             sign = scene.target_sign
             privilege = Privilege(sign, self._catalog.sign(sign.code).rule, scene.network, view)
-        return PlannerContext(
-            seed,
-            view.map,
-            view.graph,
-            destination_on_map(view, scene),
-            DT_S,
-            privilege,
-        )
+        return PlannerContext(seed, view.map, view.graph, destination_on_map(view, scene), DT_S, privilege)
 
 
 class EpisodeRunner:

@@ -26,9 +26,8 @@ from tsbench.core.text import one_line
 from tsbench.core.typed import typed
 from tsbench.episode.command import Plan
 from tsbench.episode.observation import destination_on_map, ego_on_map
-from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome, counted_against
+from tsbench.episode.outcome import Contact, EpisodeFacts, EpisodeResult, Outcome, counted_against
 from tsbench.episode.perception import SignDetection
-from tsbench.episode.result import EpisodeResult
 from tsbench.episode.trace_columns import PLAN, SCHEMA, plan_of_each_tick, plans_of, snapshots_of, table_of
 from tsbench.geometry.polyline import Array
 from tsbench.roads.planner_map import PlannerMap
@@ -97,9 +96,21 @@ def trace_of(result: EpisodeResult) -> Trace:
         )
     plans = plan_of_each_tick(result.plans, len(facts.snapshots))
     return Trace(
-        result.spec, result.planner, result.outcome, result.error, facts.contact, facts.target, facts.others,
-        facts.start_remaining_m, facts.snapshots, result.commands, facts.needless, facts.wrong_way, plans, result.told,
-    )  # fmt: skip
+        spec=result.spec,
+        planner=result.planner,
+        outcome=result.outcome,
+        error=result.error,
+        contact=facts.contact,
+        target=facts.target,
+        others=facts.others,
+        start_remaining_m=facts.start_remaining_m,
+        snapshots=facts.snapshots,
+        commands=result.commands,
+        needless=facts.needless,
+        wrong_way=facts.wrong_way,
+        plans=plans,
+        told=result.told,
+    )
 
 
 def trace_path(run: Path, planner: str, scenario_id: str) -> Path:

@@ -51,10 +51,16 @@ class TrafficView:
                 shown[k] = signal[0]
         ids, length, width, kind = self._same
         return Agents(
-            ids, _fixed(actors.pose[order]), _fixed(actors.speed[order]), length, width, kind,
-            _fixed(self._lane_of[actors.lane[order]]),
-            _fixed(np.array([shown[k] for k in order], dtype=np.int8)), tuple([boxes[k] for k in order]),
-        )  # fmt: skip
+            ids=ids,
+            pose=_fixed(actors.pose[order]),
+            speed=_fixed(actors.speed[order]),
+            length=length,
+            width=width,
+            kind=kind,
+            lane=_fixed(self._lane_of[actors.lane[order]]),
+            indicator=_fixed(np.array([shown[k] for k in order], dtype=np.int8)),
+            boxes=tuple([boxes[k] for k in order]),
+        )
 
     def _remember(self, actors: Actors, rows: list[int], ego: EgoState) -> None:
         """The road users in sight, until that changes."""
@@ -71,9 +77,11 @@ class TrafficView:
         self._rows, self._order = rows, sorted(range(len(rows)), key=ids.__getitem__)
         index = actors.index[self._order]
         self._same = (
-            _fixed(np.array(sorted(ids), dtype=np.int32)), _fixed(table.length[index]), _fixed(table.width[index]),
+            _fixed(np.array(sorted(ids), dtype=np.int32)),
+            _fixed(table.length[index]),
+            _fixed(table.width[index]),
             _fixed(table.kind[index]),
-        )  # fmt: skip
+        )
 
     def _signalled(self, route: tuple[str, ...]) -> _Signals:
         network, found = self._network, _Signals()

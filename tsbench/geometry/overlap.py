@@ -55,9 +55,7 @@ def conflict_zone(
 
 
 def conflict_zones(
-    a: Sequence[tuple[Polyline, float]],
-    b: Sequence[tuple[Polyline, float]],
-    min_depth: float = 0.0,
+    a: Sequence[tuple[Polyline, float]], b: Sequence[tuple[Polyline, float]], min_depth: float = 0.0
 ) -> tuple[tuple[ConflictZone | None, ...], ...]:
     """[k][j]: `conflict_zone` of path k of `a` with path j of `b`; paths are (line, width)."""
     if not a or not b:

@@ -18,7 +18,7 @@ from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import using_city
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.trace import read_trace, trace_path
-from tsbench.leaderboard.rows import BoardRow
+from tsbench.leaderboard.board_rows import BoardRow
 from tsbench.leaderboard.submission import Submission, SubmittedEpisode, episode_of
 from tsbench.report.page.episode_player import EpisodePacker
 from tsbench.report.page.page_format import pack_table

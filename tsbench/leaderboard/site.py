@@ -15,8 +15,8 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.episode.perception_level import EXACT
 from tsbench.leaderboard import curves
+from tsbench.leaderboard.board_rows import PAGE, BoardRow, latest, read_rows
 from tsbench.leaderboard.players import show_failures
-from tsbench.leaderboard.rows import PAGE, BoardRow, latest, read_rows
 from tsbench.leaderboard.submission import Figure, Submission
 from tsbench.metrics.scd_records import PAIRED, PARTS, SIGNED_ONES
 from tsbench.report.page.page_format import render_page

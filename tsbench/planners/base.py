@@ -7,7 +7,7 @@ A planner is a class with `reset(context)` and `act(observation) -> Control | Tr
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol, runtime_checkable
 
 from tsbench.core.errors import InputError
@@ -79,22 +79,11 @@ class SignView:
 
     def masked(self) -> SignView:
         """What is left of it where identity is hidden: where it stands, and which way it faces."""
-        return SignView("", None, self.x, self.y, self.heading, "", -1, math.nan, self.distance)
+        return replace(self.from_behind(), edge="", position_m=math.nan, outline="")
 
     def from_behind(self) -> SignView:
         """What is seen of it from behind: where it stands, which way it faces, and its outline."""
-        return SignView(
-            "",
-            None,
-            self.x,
-            self.y,
-            self.heading,
-            self.edge,
-            -1,
-            self.position_m,
-            self.distance,
-            self.outline,
-        )
+        return replace(self, code="", value=None, lane=-1, main_road=())
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,9 +13,9 @@ IDM_S1, IDM_S2, IDM_S3, IDM_S4 = (
     PlannerEntry(f"tsbench.planners.styles:IdmS{style}", kind="rules", sign_access=False)
     for style in (1, 2, 3, 4)
 )
-PPO = learned("ppo", "tsbench.planners.ppo.planner:Ppo")
-CARL = learned("carl", "tsbench.planners.carl.planner:Carl")
-PLANT2 = learned("plant2", "tsbench.planners.plant2.planner:Plant2")
+PPO = learned("ppo", "tsbench.planners.ppo.ppo_planner:Ppo")
+CARL = learned("carl", "tsbench.planners.carl.carl_planner:Carl")
+PLANT2 = learned("plant2", "tsbench.planners.plant2.plant2_planner:Plant2")
 PLANT2_FT = learned(
     "plant2-ft", "tsbench.planners.plant2.planner_ft:Plant2Ft", sign_access=True, chooses_route=True
 )

@@ -16,13 +16,7 @@ from tsbench.geometry.polyline import Array, Polyline
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import MapLane, RoadMap
-from tsbench.sim.ego import (
-    MAX_ACCEL_MPS2,
-    MAX_DECEL_MPS2,
-    MAX_SPEED_MPS,
-    MAX_STEER_RAD,
-    MAX_STEER_RATE_RAD_S,
-)
+from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_DECEL_MPS2, MAX_SPEED_MPS, MAX_STEER_RAD, MAX_STEER_RATE_RAD_S
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, WHEELBASE_M, Agents
 
 _LEAST_M = 1e-6

@@ -10,8 +10,7 @@ import math
 from dataclasses import dataclass
 
 from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.planners.common.lane_change import LaneChanges
-from tsbench.planners.common.pure_pursuit import follow
+from tsbench.planners.common.lane_change import LaneChanges, follow
 from tsbench.planners.common.speed_profile import PathSamples, speed_at, speed_profile
 from tsbench.planners.common.swept_path import HALF_LENGTH_M, moving_ahead, obstacle_ahead
 from tsbench.roads.lane_graph import RoutePath

@@ -14,7 +14,7 @@ from tsbench.rules.events import EventLog
 from tsbench.rules.forced_braking import ForcedBraking
 from tsbench.rules.worst_per_vehicle import WorstPerVehicle
 from tsbench.signs.catalog import RuleSpec
-from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, WorldSnapshot
+from tsbench.sim.world import DT_S, EGO_LENGTH_M, WorldSnapshot, ego_box
 
 _HALF_M = EGO_LENGTH_M / 2
 _WINDOW_M = 6.0
@@ -118,9 +118,7 @@ class CrossingJudge:
         actors, ego = snapshot.actors, snapshot.ego
         if vehicle.s - vehicle.length > self._priority_paths[vehicle.path].line.length:
             return
+        size = vehicle.length, float(actors.table.width[vehicle.row])
         x, y, heading = actors.pose[vehicle.at].tolist()
-        if boxes_overlap(
-            ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M,
-            x, y, heading, vehicle.length, float(actors.table.width[vehicle.row]),
-        ):  # fmt: skip
+        if boxes_overlap(*ego_box(ego), x, y, heading, *size):
             self._found.note(vehicle.row, "contact", snapshot, 1.0, 0.0)

@@ -12,7 +12,7 @@ from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import CrosswalkParams
 from tsbench.sim.scene import Scene
-from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, WorldSnapshot
+from tsbench.sim.world import EGO_LENGTH_M, ActorKind, WorldSnapshot, ego_box
 
 
 class Crosswalk(Monitor):
@@ -51,9 +51,8 @@ class Crosswalk(Monitor):
                 strip.is_on_it(p) or strip.is_about_to_step(actors, p) for p in places
             )
         on_it = self._armed and boxes_overlap(
-            ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M,
-            *strip.middle, strip.heading, strip.length, strip.width,
-        )  # fmt: skip
+            *ego_box(ego), *strip.middle, strip.heading, strip.length, strip.width
+        )
         past = [
             (strip.past(ego.x, ego.y, ego.heading, actors, p), p.row) for p in places if strip.is_on_it(p)
         ]
@@ -70,9 +69,9 @@ class Crosswalk(Monitor):
         touched = set()
         for at in people:
             row = int(actors.index[at])
-            x, y, heading = actors.pose[at].tolist()
             size = float(actors.table.length[row]), float(actors.table.width[row])
-            if boxes_overlap(ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M, x, y, heading, *size):
+            x, y, heading = actors.pose[at].tolist()
+            if boxes_overlap(*ego_box(ego), x, y, heading, *size):
                 touched.add(row)
                 excursion = self._touch.setdefault(row, Excursion(self._log, "contact"))
                 excursion.broken(snapshot, 1.0, 0.0, actors.table.ids[row])

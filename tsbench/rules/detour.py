@@ -13,7 +13,7 @@ from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import ObstacleParams
 from tsbench.sim.scene import Scene
-from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, EgoState, WorldSnapshot
+from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, EgoState, WorldSnapshot, ego_box
 
 
 class Detour(Monitor):
@@ -62,9 +62,7 @@ class Detour(Monitor):
         else:
             self._wrong.close()
             self._off.close()
-        if boxes_overlap(
-            ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M, o.x, o.y, o.heading, o.length, o.width
-        ):
+        if boxes_overlap(*ego_box(ego), o.x, o.y, o.heading, o.length, o.width):
             self._contact.broken(snapshot, 1.0, 0.0, o.id)
         else:
             self._contact.close()

@@ -13,7 +13,16 @@ from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.scene import Scene
-from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, Actors, EgoState, WorldSnapshot
+from tsbench.sim.world import (
+    DT_S,
+    EGO_LENGTH_M,
+    EGO_WIDTH_M,
+    ActorKind,
+    Actors,
+    EgoState,
+    WorldSnapshot,
+    ego_box,
+)
 
 _KINDS = {"bus": ActorKind.BUS, "bicycle": ActorKind.BICYCLE}
 _EGO_RADIUS_M = math.hypot(EGO_LENGTH_M, EGO_WIDTH_M) / 2
@@ -94,8 +103,10 @@ class ReservedLane(Monitor):
             x, y, heading = actors.pose[k].tolist()
             length, width = float(table.length[row]), float(table.width[row])
             near = math.hypot(x - ego.x, y - ego.y) <= _EGO_RADIUS_M + 0.5 * (length + width)
-            if near and not self._edges.isdisjoint(table.routes[row]) and boxes_overlap(
-                ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M, x, y, heading, length, width
-            ):  # fmt: skip
+            if (
+                near
+                and not self._edges.isdisjoint(table.routes[row])
+                and boxes_overlap(*ego_box(ego), x, y, heading, length, width)
+            ):
                 return table.ids[row]
         return None

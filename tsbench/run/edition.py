@@ -26,8 +26,7 @@ from tsbench.core.paths import (
 )
 from tsbench.core.typed import read_typed
 from tsbench.run.contract import SCORING, code_is_local, contract_hash, mirrored_contract
-from tsbench.scenarios.editions import scene_editions
-from tsbench.scenarios.table import read_table, splits_there, table_path
+from tsbench.scenarios.table import read_table, scene_editions, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
 
 PATH = Path(__file__).with_name("editions.yaml")

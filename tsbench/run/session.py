@@ -17,12 +17,15 @@ from tsbench.core.errors import InputError
 from tsbench.core.text import fault_in_name
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import Perception, load_level
+from tsbench.metrics.aggregate import summarise
 from tsbench.run.contract import code_stamps, contract_hash
 from tsbench.run.edition import LOCAL, edition_here, standing_contract
 from tsbench.run.execution.executor import Executor
-from tsbench.run.execution.factory import make_executor
+from tsbench.run.execution.local import make_executor
 from tsbench.run.execution.messages import ISOLATED, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
+from tsbench.run.isolation.image import in_image
+from tsbench.run.isolation.isolated_loading import check_unchanged_now, describe
 from tsbench.run.listener import Listener, Started
 from tsbench.run.log.folder import RunFolder, check_folder
 from tsbench.run.log.journal import Journal
@@ -30,15 +33,15 @@ from tsbench.run.log.manifest import marks_of, new_manifest, planners_of
 from tsbench.run.log.record import Record, Row
 from tsbench.run.log.tables import read_table, write_tables
 from tsbench.run.opened_files import what_is_unseen
-from tsbench.run.options import Options
 from tsbench.run.plan import Request, make_plan
 from tsbench.run.planner_info import PlannerInfo
+from tsbench.run.run_options import Options
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog
 
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
-    from tsbench.run.isolation.loading import SandboxedPlanner
+    from tsbench.run.isolation.isolated_loading import SandboxedPlanner
 
 
 class ProgressListener(Protocol):
@@ -148,8 +151,6 @@ def _changed_meanwhile(
     code: Mapping[Path, tuple[int, int]], planners: Sequence[PlannerInfo], folder: RunFolder
 ) -> InputError | None:
     """The message where tsbench's code or a planner's changed during the run. code: `code_stamps` at its start."""
-    from tsbench.run.isolation.loading import check_unchanged_now  # brings networks of roads
-
     if code_stamps() != code:
         folder.manifest["edition"] = f"{folder.manifest['edition'].removesuffix(LOCAL)}{LOCAL}"
         return InputError("tsbench's code has changed since the run began: start the run anew")
@@ -168,8 +169,6 @@ def _in_image(options: Options) -> Options:
         return options
     if not options.isolate:
         raise InputError(f"--image {options.image}: planners run in an image isolated only: add --isolate")
-    from tsbench.run.isolation.image import in_image
-
     planners = tuple(in_image(spec, options.image) for spec in options.request.planners)
     return replace(options, request=replace(options.request, planners=planners))
 
@@ -181,8 +180,6 @@ def probe(pool: Executor, request: Request, device: str = "cpu") -> tuple[Planne
 
 def probe_isolated(request: Request, hidden: Sequence[str]) -> list[SandboxedPlanner]:
     """The same without a line of their code here, with what of their sandboxes took effect."""
-    from tsbench.run.isolation.loading import describe  # brings networks of roads
-
     return [describe(spec, [Path(place) for place in hidden]) for spec in request.planners]
 
 
@@ -235,8 +232,6 @@ def _nothing_to_do(folder: RunFolder) -> str:
 def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], options: Options) -> RunResult:
     """How the run stands, from what its table of episodes says; no figures over holes unless asked for."""
     # Statistics take long to import, and nothing before the end needs them.
-    from tsbench.metrics.aggregate import summarise
-
     contract = standing_contract(folder.manifest["contract"])
     episodes = read_table(folder.path / "episodes.parquet")
     holes = len(episodes) < sum(asked.values())

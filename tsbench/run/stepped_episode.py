@@ -10,9 +10,8 @@ from functools import cache
 
 import numpy as np
 
-from tsbench.episode.outcome import EpisodeFacts, Outcome
+from tsbench.episode.outcome import EpisodeFacts, EpisodeResult, Outcome
 from tsbench.episode.perception_level import EXACTLY, Perception
-from tsbench.episode.result import EpisodeResult
 from tsbench.episode.runner import EpisodeLoop, EpisodeSteps
 from tsbench.episode.trace import Trace
 from tsbench.episode.trace_columns import plan_of_each_tick
@@ -137,12 +136,21 @@ class SteppedEpisode:
         m = episode.monitors
         needless = [event for one in m.needless for event in one.log.verdict(one.engaged).violations]
         return Trace(
-            self._spec, self._name, Outcome.TIMEOUT, "", None, m.target.log.verdict(m.target.engaged),
-            tuple(one.log.verdict(one.engaged) for one in m.others), episode.start_remaining, list(episode.snapshots),
-            np.array(episode.commands, np.float64).reshape(-1, 2), tuple(needless),
-            m.wrong_way.log.verdict(m.wrong_way.engaged).violations,
-            plan_of_each_tick(tuple(episode.plans), len(episode.snapshots)), tuple(episode.observer.told),
-        )  # fmt: skip
+            spec=self._spec,
+            planner=self._name,
+            outcome=Outcome.TIMEOUT,
+            error="",
+            contact=None,
+            target=m.target.log.verdict(m.target.engaged),
+            others=tuple(one.log.verdict(one.engaged) for one in m.others),
+            start_remaining_m=episode.start_remaining,
+            snapshots=list(episode.snapshots),
+            commands=np.array(episode.commands, np.float64).reshape(-1, 2),
+            needless=tuple(needless),
+            wrong_way=m.wrong_way.log.verdict(m.wrong_way.engaged).violations,
+            plans=plan_of_each_tick(tuple(episode.plans), len(episode.snapshots)),
+            told=tuple(episode.observer.told),
+        )
 
     def end(self) -> None:
         if self._steps is not None:

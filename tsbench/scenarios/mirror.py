@@ -17,8 +17,7 @@ from tsbench.core.xmlfile import parse
 from tsbench.geometry.angles import wrap
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.annotations import sumo_angle
-from tsbench.signs.catalog import load_catalog
-from tsbench.signs.mirror import mirrored_code, mirrored_slot
+from tsbench.signs.catalog import load_catalog, mirrored_code, mirrored_slot
 from tsbench.signs.model import Sign
 from tsbench.sim.scene import SceneFile
 

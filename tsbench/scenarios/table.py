@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal, get_args
 
 import pyarrow as pa
+import yaml
 
 from tsbench.core.errors import InputError
+from tsbench.core.files import write_atomic
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, read_rows, save_table
-from tsbench.core.paths import OWN_CITY, dataset_file, fetch_hint, mirrored_in_use, source_city
+from tsbench.core.paths import OWN_CITY, dataset_file, dataset_root, fetch_hint, mirrored_in_use, source_city
+from tsbench.core.typed import read_typed
 from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.spec import CONTRAST, MOST_TICKS, SCHEMA_VERSION, SIGNED, ScenarioSpec
 
@@ -87,3 +90,20 @@ def _problem(spec: ScenarioSpec) -> str:
     ):
         return "a scene file outside the data folder"
     return ""
+
+
+def scene_editions(root: Path | None = None) -> dict[str, str]:
+    """The edition that the scenes of each split are of, proven under its rules; {} without a file.
+
+    Raises InputError for a file with anything else in it.
+    """
+    path = dataset_file("scenarios/editions.yaml") if root is None else root / "editions.yaml"
+    if not path.is_file():
+        return {}
+    found = read_typed(dict[SplitName, str], path, "list of editions")
+    return {str(split): edition for split, edition in found.items()}
+
+
+def write_scene_editions(scenes: Mapping[str, str]) -> None:
+    """Write the edition of each split of the data in use down."""
+    write_atomic(dataset_root() / "scenarios" / "editions.yaml", yaml.safe_dump(dict(scenes)).encode())

@@ -4,16 +4,17 @@
 `sign_catalog/signs/<code>.yaml`. A file that lies in the folder is in the catalogue; nothing else lists it.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cache, cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_file, left_hand_in_use
-from tsbench.signs.mirror import mirrored_code, mirrored_signs
-from tsbench.signs.model import END_PLACES, Clause, RuleSpec, ScenarioType, Sign
+from tsbench.signs.model import END_PLACES, Clause, RuleSpec, ScenarioType, Sign, Slot
 from tsbench.signs.parsing import parse_rule, parse_sign
 from tsbench.signs.rule_kinds import NEEDLESS, OF_NO_PLATE, RULE_KINDS, WRONG_WAY
 
@@ -117,7 +118,7 @@ def load_catalog(root: Path | None = None) -> Catalog:
     """Read and check the whole catalogue; the same root is read once per process.
 
     root: its folder; by default `sign_catalog/` of the data. Where the data set in use keeps to the left, signs have
-    the rules of their mirror images (`signs.mirror`). Raises InputError, one line: file, key, what is wrong.
+    the rules of their mirror images (`mirrored_signs`). Raises InputError, one line: file, key, what is wrong.
     """
     found = _resolved(data_file("sign_catalog") if root is None else root)
     return _left_hand(found) if left_hand_in_use() else _load(found)
@@ -242,3 +243,40 @@ def _enter_type(types: dict[str, ScenarioType], sign: Sign) -> None:
         if sign.is_end
         else replace(known, codes=(*known.codes, sign.code))
     )
+
+
+_SIDES = {"left": "right", "right": "left", "leftmost": "rightmost", "rightmost": "leftmost"}
+_TURNS = str.maketrans("lr", "rl")
+
+
+def mirrored_code(signs: Mapping[str, Sign], code: str) -> str:
+    """The code of a sign's mirror image."""
+    return signs[code].mirrored or code
+
+
+def mirrored_slot(slot: str) -> str:
+    """A slot of dual paths, such as `s_l`, in the mirror; "" stays."""
+    return slot.translate(_TURNS)
+
+
+def mirrored_signs(signs: Mapping[str, Sign]) -> dict[str, Sign]:
+    """All signs as they bind where traffic keeps to the left, in the same order."""
+    return {code: _mirrored(sign, signs[mirrored_code(signs, code)], signs) for code, sign in signs.items()}
+
+
+def _mirrored(sign: Sign, image: Sign, signs: Mapping[str, Sign]) -> Sign:
+    """`sign` with the rule, the place and the maps of its image, mirrored; names, drawing and law stay its own."""
+    place, maps = image.placement, image.maps
+    return replace(
+        sign,
+        rule=mirrored_rule(image.rule),
+        placement=replace(place, side=_SIDES.get(place.side, place.side)),  # type: ignore[arg-type]
+        maps=replace(maps, slots=tuple(cast(Slot, mirrored_slot(slot)) for slot in maps.slots)),
+        context=tuple(mirrored_code(signs, code) for code in image.context),
+    )
+
+
+def mirrored_rule(rule: RuleSpec) -> RuleSpec:
+    """A rule with left and right swapped in what was chosen for it; thresholds and clauses know no side."""
+    options = {name: tuple(_SIDES.get(word, word) for word in words) for name, words in rule.options.items()}
+    return replace(rule, options=options)

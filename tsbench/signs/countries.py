@@ -4,6 +4,7 @@ The files are for readers and pictures: no rule, scene or record looks at them, 
 them out. Scenes of a city are drawn with the plates of its country, where that has a file.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -19,8 +20,49 @@ from tsbench.core.paths import data_file, left_hand_in_use, source_city
 from tsbench.core.text import csv_text
 from tsbench.core.typed import Text, read_sheet
 from tsbench.signs.catalog import Catalog, load_catalog, yaml_files
-from tsbench.signs.driving_side import driving_sides
 from tsbench.signs.model import Sign
+
+Side = Literal["left", "right"]
+_CODE = re.compile("[a-z]{2}")
+
+
+@dataclass(frozen=True)
+class _SidesFile:
+    table: Text
+    left: tuple[Text, ...]
+    right: tuple[Text, ...]
+
+
+def country_code(text: str, where: str) -> str:
+    """The code of a country in small letters. Raises InputError (`where`: problem) for one that no country has."""
+    code = text.lower()
+    if code not in driving_sides():
+        raise InputError(
+            f"{where}: {text!r:.80} is no country's code: write its two letters of ISO 3166, such as de, or gb for the "
+            "United Kingdom"
+        )
+    return code
+
+
+def driving_sides(root: Path | None = None) -> Mapping[str, Side]:
+    """The side of each country by its code. root: the catalogue's folder; by default the data's."""
+    return _read((data_file("sign_catalog") if root is None else root) / "driving_sides.yaml")
+
+
+@cache
+def _read(path: Path) -> Mapping[str, Side]:
+    return read_sheet(_SidesFile, path, "table", _sides)
+
+
+def _sides(file: _SidesFile) -> Mapping[str, Side]:
+    codes = (*file.left, *file.right)
+    for code in codes:
+        if not _CODE.fullmatch(code):
+            raise ValueError(f"{code!r:.80}: a code is two small letters")
+        if codes.count(code) > 1:
+            raise ValueError(f"{code}: stands twice")
+    return {**dict.fromkeys(file.left, "left"), **dict.fromkeys(file.right, "right")}
+
 
 _NONE, _UNKNOWN = "none", "unknown"
 _KM_PER_MILE = 1.609344

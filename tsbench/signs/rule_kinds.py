@@ -110,19 +110,22 @@ RULE_KINDS: Mapping[str, RuleKind] = MappingProxyType({kind.name: kind for kind 
 Part = TypeVar("Part")
 
 
-def load_rule_classes(modules: Mapping[str, ModuleType], base: type[Part]) -> Mapping[str, type[Part]]:
-    """For each kind the subclass of `base` that the module of its name defines; other modules are helpers of these.
+def load_rule_classes(
+    modules: Mapping[str, ModuleType], base: type[Part], suffix: str = ""
+) -> Mapping[str, type[Part]]:
+    """For each kind the subclass of `base` in the module of its name and `suffix`; other modules are helpers of these.
 
     Raises ValueError for a kind without a module, and for a module of a kind that defines none, or several.
     """
     found: dict[str, type[Part]] = {}
     for name in RULE_KINDS:
-        if name not in modules:
+        file = f"{name}{suffix}"
+        if file not in modules:
             places = {module.__name__.rpartition(".")[0] for module in modules.values()}
             raise ValueError(
-                f"rule {name!r} is declared in signs/rule_kinds.py, but {', '.join(places)} has no {name}.py"
+                f"rule {name!r} is declared in signs/rule_kinds.py, but {', '.join(places)} has no {file}.py"
             )
-        module = modules[name]
+        module = modules[file]
         own = [
             value
             for value in vars(module).values()

@@ -11,13 +11,7 @@ from __future__ import annotations
 
 from tsbench.signs.contrast import PassageParams
 from tsbench.signs.plate_params import GiveWayParams, RoundaboutParams
-from tsbench.sim.convoy import (
-    REACHED_AFTER_S,
-    Approach,
-    ConvoyRelease,
-    Showing,
-    earliest_arrival,
-)
+from tsbench.sim.convoy import REACHED_AFTER_S, Approach, ConvoyRelease, Showing, earliest_arrival
 from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_SPEED_MPS
 from tsbench.sim.scene import ConvoyPlan, Scene
 from tsbench.sim.scene_file import WAITING_ID, LateEntry, late_entries

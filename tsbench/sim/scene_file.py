@@ -88,7 +88,7 @@ def _obstacle_poly(o: Obstacle) -> etree._Element:
     shape = " ".join(f"{x:.3f},{y:.3f}" for x, y in corners(o.x, o.y, o.heading, o.length, o.width))
     poly = etree.Element(
         "poly", id=o.id, type="obstacle", color="orange", fill="true", layer="80", shape=shape
-    )  # fmt: skip
+    )
     values = {"shape": o.shape, "lane": o.lane} | {name: repr(getattr(o, name)) for name in _BOX}
     return _with_params(poly, values)
 

@@ -57,6 +57,10 @@ class EgoState:
         return self.x + half * math.cos(self.heading), self.y + half * math.sin(self.heading)
 
 
+def ego_box(ego: EgoState) -> Box:
+    return ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M
+
+
 class ActorTable:
     """What stays the same of each road user of an episode; grows as they appear (row = `Actors.index`).
 
@@ -163,7 +167,17 @@ class Agents:
     def none(cls) -> Agents:
         """Nobody in sight."""
         whole, small, real = np.zeros(0, dtype=np.int32), np.zeros(0, dtype=np.int8), np.zeros(0)
-        return cls(whole, np.zeros((0, 3)), real, real, real, small, whole, small, ())
+        return cls(
+            ids=whole,
+            pose=np.zeros((0, 3)),
+            speed=real,
+            length=real,
+            width=real,
+            kind=small,
+            lane=whole,
+            indicator=small,
+            boxes=(),
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,13 +22,13 @@ from typing import Final
 
 import numpy as np
 
-from tsbench.episode.phase import Phase
+from tsbench.episode.outcome import Phase
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.metrics.episode_metrics import episode_metrics
 from tsbench.planners.common.batching import Infer, Records
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run.execution.fresh_episode import run_in_child
-from tsbench.run.isolation.loading import describe, load
+from tsbench.run.isolation.isolated_loading import describe, load
 from tsbench.run.isolation.sandbox_paths import EXECUTABLE
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
@@ -181,8 +181,10 @@ def run_bench(scenes: int, rounds: int, progress: Callable[[str], None]) -> Benc
         for spec in specs:
             full = loops.full(spec)
             for name, (seconds, ticks, count) in (
-                ("bare", loops.bare(spec)), ("ego", loops.ego(spec)), ("full", full[:3])
-            ):  # fmt: skip
+                ("bare", loops.bare(spec)),
+                ("ego", loops.ego(spec)),
+                ("full", full[:3]),
+            ):
                 sums[name][0] += seconds
                 sums[name][1] += ticks
                 if name == "full":

@@ -23,8 +23,7 @@ import numpy as np
 
 import tsbench
 from tsbench.core.benchmark import ROWS
-from tsbench.episode.outcome import Outcome
-from tsbench.episode.result import EpisodeResult
+from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.check import Finding, Level
 from tsbench.planners.registry import resolve

@@ -13,14 +13,14 @@ import numpy as np
 
 from tsbench.core.errors import InputError
 from tsbench.core.text import fault_in_name
-from tsbench.episode.result import EpisodeResult
+from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.check import Finding, Level
 from tsbench.planners.registry import comes_with_tsbench
 from tsbench.run import opened_files
 from tsbench.run.contract import SCORING, contract_hash
 from tsbench.run.edition import LOCAL, edition_here, standing_contract
-from tsbench.run.isolation.loading import describe, load
+from tsbench.run.isolation.isolated_loading import describe, load
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec

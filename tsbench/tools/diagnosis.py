@@ -308,9 +308,11 @@ def check_edition() -> Iterator[Diagnosis]:
         text = f"{name}, contract of the {split} split {contract}"
         if name.endswith(LOCAL):
             yield Diagnosis(
-                Status.NOTE, "edition", f"{text}: rules, scenes, code or versions are not those released",
+                Status.NOTE,
+                "edition",
+                f"{text}: rules, scenes, code or versions are not those released",
                 "scores compare with runs of this very installation only",
-            )  # fmt: skip
+            )
         else:
             yield Diagnosis(Status.OK, "edition", text)
     path = certificates_path()

@@ -17,12 +17,12 @@ import numpy as np
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_json
-from tsbench.episode.result import EpisodeResult
+from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.common.batching import Batched, Infer, Records
 from tsbench.planners.registry import resolve
 from tsbench.run.arithmetic import facts
-from tsbench.run.log.score import make_record
+from tsbench.run.log.record import make_record
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path

@@ -25,8 +25,7 @@ from tsbench.run.edition import standing_contract
 from tsbench.run.log.folder import SUMMARY
 from tsbench.run.log.journal import Key
 from tsbench.run.log.manifest import Manifest, marks_of, planners_of, read_manifest
-from tsbench.run.log.record import Row
-from tsbench.run.log.score import score
+from tsbench.run.log.record import Row, score
 from tsbench.run.log.tables import read_table
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.table import read_table as read_scenarios

@@ -7,8 +7,7 @@ from collections.abc import Callable
 
 import pytest
 
-from tsbench.episode.outcome import Outcome
-from tsbench.episode.result import EpisodeResult
+from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Control, Observation
 from tsbench.planners.registry import resolve

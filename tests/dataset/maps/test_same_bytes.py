@@ -16,9 +16,8 @@ from tsbench.dataset.maps.source import load_source
 from tsbench.dataset.scenes.map_scenarios import SiteBuilder
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.run.edition import editions
-from tsbench.scenarios.editions import scene_editions
 from tsbench.scenarios.map_pool import read_pool
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.table import read_table, scene_editions, table_path
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
 

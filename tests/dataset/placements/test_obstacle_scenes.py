@@ -26,8 +26,7 @@ from tsbench.episode.trace import Trace, read_trace, write_trace
 from tsbench.planners.registry import resolve
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
-from tsbench.run.log.record import Row
-from tsbench.run.log.score import score
+from tsbench.run.log.record import Row, score
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec

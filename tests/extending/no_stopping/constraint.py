@@ -8,7 +8,7 @@ from tsbench.planners.base import Observation, PlannerContext, Privilege
 from tsbench.planners.common.speed_profile import PathSamples
 from tsbench.planners.common.swept_path import HALF_LENGTH_M, moving_ahead
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint
-from tsbench.planners.experts.rules.speed import line_place
+from tsbench.planners.experts.rules.speed_constraint import line_place
 from tsbench.sim.navigation import RouteView
 
 _LEAST_MPS = 2.0

@@ -11,9 +11,9 @@ import torch
 from training_helpers import break_off, fresh_blind, fresh_tuned, fresh_weights
 
 from tsbench.core.errors import InputError
-from tsbench.learn.finetune.frames import SIGN_FRAME, FinetuneSource, RecordedDrive, TakeoverDrive
+from tsbench.learn.finetune.drives_report import report
+from tsbench.learn.finetune.obedient_frames import SIGN_FRAME, FinetuneSource, RecordedDrive, TakeoverDrive
 from tsbench.learn.finetune.recipe import FineTuning, finetune_drives
-from tsbench.learn.finetune.report import report
 from tsbench.learn.finetune.targets import FAMILIES
 from tsbench.learn.finetune.task import beginning, capped_batches, fine_tuning, quotas, share_of
 from tsbench.learn.imitation import trainer
@@ -25,9 +25,9 @@ from tsbench.learn.imitation.task import ImitationTask
 from tsbench.learn.imitation.trainer import train
 from tsbench.learn.oracle.trajectories import Recorded, write_trajectories
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.network import Plant2Network
 from tsbench.planners.plant2.planner_blind import Plant2Blind
 from tsbench.planners.plant2.planner_ft import Plant2Ft
+from tsbench.planners.plant2.plant2_network import Plant2Network
 from tsbench.planners.plant2.vocabulary import vocabulary_of
 from tsbench.planners.weights import load_weights
 from tsbench.scenarios.spec import HALVES, ScenarioSpec

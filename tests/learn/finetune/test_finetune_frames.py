@@ -14,7 +14,7 @@ from tsbench.episode.observation import destination_on_map
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import load_level
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.learn.finetune.frames import FinetuneSource, RecordedDrive, TakeoverDrive
+from tsbench.learn.finetune.obedient_frames import FinetuneSource, RecordedDrive, TakeoverDrive
 from tsbench.learn.finetune.targets import FinetuneSampling
 from tsbench.learn.imitation.drives import DriveResult, Drivers, PlannerDrive
 from tsbench.learn.imitation.frames import observations

@@ -10,7 +10,7 @@ import pytest
 
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.geometry.polyline import Polyline
-from tsbench.learn.finetune.frames import SIGN_FRAME
+from tsbench.learn.finetune.obedient_frames import SIGN_FRAME
 from tsbench.learn.finetune.targets import FAMILIES, TARGET_SPECS, FinetuneSampling, SignTargets
 from tsbench.learn.imitation.drives import DriveResult
 from tsbench.planners.base import Observation

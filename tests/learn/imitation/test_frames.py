@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tsbench.core.errors import InputError, SimulationError
-from tsbench.episode.result import EpisodeResult
+from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.imitation.drives import DriveResult, PlannerDrive
 from tsbench.learn.imitation.frames import FRAME, DrivenPath, Imitated, Sampling, frames_of, observations

@@ -16,7 +16,6 @@ from tsbench.learn.imitation import trainer
 from tsbench.learn.imitation.drives import PlannerDrive
 from tsbench.learn.imitation.frames import FRAME
 from tsbench.learn.imitation.frames_store import ImitationSource, TrainingResources, plan_hash
-from tsbench.learn.imitation.loss import losses, total, two_hot
 from tsbench.learn.imitation.recipe import (
     ImitationRecipe,
     drives_of,
@@ -26,10 +25,10 @@ from tsbench.learn.imitation.recipe import (
 )
 from tsbench.learn.imitation.skill import Skill
 from tsbench.learn.imitation.task import batches_of, imitation
-from tsbench.learn.imitation.trainer import rate_at, train, trimmed
-from tsbench.learn.rows import read_rows
+from tsbench.learn.imitation.trainer import losses, rate_at, total, train, trimmed, two_hot
+from tsbench.learn.learning_curve import read_rows
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.network import Plant2Network
+from tsbench.planners.plant2.plant2_network import Plant2Network
 from tsbench.planners.weights import load_weights
 from tsbench.scenarios.spec import HALVES, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path

@@ -8,7 +8,7 @@ from multiprocessing import get_context
 
 import pytest
 
-from tsbench.learn.imitation.processes import one_thread_each
+from tsbench.core.machine import one_thread_each
 
 
 def test_they_have_one_thread_and_the_training_keeps_its_own(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,7 +22,7 @@ from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.planners.registry import names, resolve
 from tsbench.run.plan import Request
-from tsbench.run.progress import ProgressWatcher
+from tsbench.run.run_progress import ProgressWatcher
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsbench.core.errors import InputError, SimulationError
-from tsbench.episode.result import EpisodeResult
+from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.oracle.trajectories import (
     STEPS,

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from tsbench.envs.drive import DriveEnv
+from tsbench.envs.drive_env import DriveEnv
 from tsbench.learn.rl.dagger import DaggerWrapper, warm_up
 from tsbench.learn.rl.policy import policy_of
 from tsbench.planners.idm import Idm

@@ -9,7 +9,7 @@ from tsbench.planners.base import Privilege
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequirement, ObservedVehicle
 from tsbench.planners.experts.rules.gap_acceptance import COURTESY
-from tsbench.planners.experts.rules.junction import WayThrough, crossing, paths_through
+from tsbench.planners.experts.rules.way_through import WayThrough, crossing, paths_through
 from tsbench.planners.idm import Idm
 from tsbench.roads.destination import Destination
 from tsbench.roads.junction_paths import JunctionPath, junction_paths

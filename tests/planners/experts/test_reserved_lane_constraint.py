@@ -7,7 +7,7 @@ from labelled import CASES
 from planner_loop import Body, World, constant, front_of, verdict
 
 from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.planners.common.pure_pursuit import pursue_route
+from tsbench.planners.common.lane_change import pursue_route
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.roads.destination import Destination

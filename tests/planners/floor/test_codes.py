@@ -10,7 +10,7 @@ import pytest
 from planner_loop import World, load
 
 from tsbench.core.files import sha256_of
-from tsbench.learn.codes import count, write_counts
+from tsbench.learn.code_counts import count, write_counts
 from tsbench.planners.base import Control, Observation, SignView
 from tsbench.planners.floor import codes
 from tsbench.planners.floor.blind import Blind

@@ -12,7 +12,7 @@ from tsbench.planners.base import SignView
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.ablations import InSight, SecondSeed, WithoutHalts, WithoutMemory
 from tsbench.planners.plant2.planner_ft import Plant2Ft
-from tsbench.planners.plant2.signs import SignMemory
+from tsbench.planners.plant2.sign_tokens import SignMemory
 from tsbench.planners.plant2.vocabulary import vocabulary_of
 from tsbench.planners.weights import network
 from tsbench.sim.world import EGO_LENGTH_M

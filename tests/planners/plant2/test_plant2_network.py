@@ -13,10 +13,15 @@ from training_helpers import fresh_tuned
 from tsbench.core.errors import InputError
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.engine import Plant2Engine, target_speed_of
-from tsbench.planners.plant2.network import Plant2FtNetwork, Plant2Network
-from tsbench.planners.plant2.parts import PUBLISHED_ADDED, PUBLISHED_MEDIUM, parts
-from tsbench.planners.plant2.planner import Plant2
 from tsbench.planners.plant2.planner_ft import Plant2Ft
+from tsbench.planners.plant2.plant2_network import (
+    PUBLISHED_ADDED,
+    PUBLISHED_MEDIUM,
+    Plant2FtNetwork,
+    Plant2Network,
+    parts,
+)
+from tsbench.planners.plant2.plant2_planner import Plant2
 from tsbench.planners.plant2.torch_inference import inference, network_of, tensors
 from tsbench.planners.weights import load_weights, save_weights
 from tsbench.tools.network_arithmetic import questions

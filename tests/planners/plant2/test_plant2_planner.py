@@ -14,10 +14,10 @@ from training_helpers import fresh_blind, fresh_tuned, fresh_weights
 from tsbench.planners import registry
 from tsbench.planners.base import Control
 from tsbench.planners.plant2.layout import PATH_POINTS, PLAN
-from tsbench.planners.plant2.network import Plant2Network
-from tsbench.planners.plant2.planner import HOLD_TICKS, Gains, Plant2, control
 from tsbench.planners.plant2.planner_blind import Plant2Blind
 from tsbench.planners.plant2.planner_ft import Plant2Ft, StopPolicy
+from tsbench.planners.plant2.plant2_network import Plant2Network
+from tsbench.planners.plant2.plant2_planner import HOLD_TICKS, Gains, Plant2, control
 from tsbench.sim.ego import Motion, advance
 from tsbench.sim.world import EgoState
 

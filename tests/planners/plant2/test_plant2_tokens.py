@@ -13,7 +13,7 @@ from tsbench.planners.base import Observation, SignView
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.planner_ft import SignTokeniser
 from tsbench.planners.plant2.route_alternatives import RouteAlternatives
-from tsbench.planners.plant2.signs import SignMemory, _Held, fill_signs
+from tsbench.planners.plant2.sign_tokens import SignMemory, _Held, fill_signs
 from tsbench.planners.plant2.tokens import Tokeniser
 from tsbench.planners.plant2.vocabulary import vocabulary_of, vocabulary_of_catalog
 from tsbench.signs.catalog import load_catalog

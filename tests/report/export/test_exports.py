@@ -23,11 +23,11 @@ from tsbench.metrics.tracks import actor_tracks
 from tsbench.planners.registry import resolve
 from tsbench.report.drawing.road_shapes import road_shapes
 from tsbench.report.episode_files import WRITERS, export_kind, make_one
+from tsbench.report.export.commonroad_lanelets import SIGN_NUMBERS
 from tsbench.scenarios.certificates import certificates_path, read_certificates
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import SIGNED
 from tsbench.scenarios.table import read_table, table_path
-from tsbench.signs.commonroad import SIGN_NUMBERS
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 

@@ -9,7 +9,7 @@ import pytest
 
 import tsbench
 from tsbench.episode.trace import read_trace, trace_path
-from tsbench.run.isolation.loading import describe as describe_isolated
+from tsbench.run.isolation.isolated_loading import describe as describe_isolated
 from tsbench.run.log.manifest import marks_of, read_manifest
 from tsbench.run.planner_info import describe
 

@@ -13,7 +13,7 @@ from patience import HANG_S
 
 from tsbench.run.isolation import control_group, sandbox
 from tsbench.run.isolation.control_group import ControlGroup
-from tsbench.run.isolation.loading import describe
+from tsbench.run.isolation.isolated_loading import describe
 from tsbench.run.isolation.process import PlannerProcess
 
 MIB = 1 << 20

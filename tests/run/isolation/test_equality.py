@@ -15,8 +15,9 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
 from tsbench.leaderboard.submission import SubmittedEpisode, episode_of
 from tsbench.planners import registry
-from tsbench.run.isolation import loading, protocol
-from tsbench.run.isolation.loading import code_hash, describe
+from tsbench.run.isolation import isolated_loading as loading
+from tsbench.run.isolation import protocol
+from tsbench.run.isolation.isolated_loading import code_hash, describe
 from tsbench.run.log.tables import read_table
 from tsbench.run.planner_info import describe as describe_here
 

@@ -21,12 +21,12 @@ from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.run.execution.executor import Limits
 from tsbench.run.isolation import process
-from tsbench.run.isolation.loading import describe
+from tsbench.run.isolation.isolated_loading import describe
 from tsbench.run.isolation.protocol import EndMessage, frame
 from tsbench.run.log.tables import read_table
-from tsbench.run.options import Options
 from tsbench.run.plan import Request
-from tsbench.run.progress import ProgressWatcher
+from tsbench.run.run_options import Options
+from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import run
 
 FILE = Path(hostile.__file__)

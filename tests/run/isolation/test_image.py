@@ -18,11 +18,11 @@ from command_line import in_process, refused
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.leaderboard.claim import claims_of
-from tsbench.leaderboard.verify import verify
+from tsbench.leaderboard.verification import verify
 from tsbench.run.isolation import image
-from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import find_engine, image_of, in_image, run_arguments
-from tsbench.run.isolation.loading import describe
+from tsbench.run.isolation.isolated_loading import describe
+from tsbench.run.isolation.planner_files import PlannerFiles
 from tsbench.run.log.tables import read_table
 
 ROOT = Path(tsbench.__file__).parent.parent

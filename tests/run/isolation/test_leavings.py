@@ -14,7 +14,8 @@ import leaving
 import pytest
 from patience import HANG_S
 
-from tsbench.run.isolation import loading, process, system_calls
+from tsbench.run.isolation import isolated_loading as loading
+from tsbench.run.isolation import process, system_calls
 from tsbench.run.isolation.protocol import VERSION, Answer, DoneMessage, EndMessage, HelloMessage, frame
 
 FILE = Path(leaving.__file__)

@@ -16,9 +16,10 @@ import pytest
 from tsbench.core.errors import InputError
 from tsbench.planners.base import PlannerContext
 from tsbench.run import opened_files
-from tsbench.run.isolation import files, sandbox_paths
-from tsbench.run.isolation.files import PlannerFiles
-from tsbench.run.isolation.loading import changed_files, describe, load
+from tsbench.run.isolation import planner_files as files
+from tsbench.run.isolation import sandbox_paths
+from tsbench.run.isolation.isolated_loading import changed_files, describe, load
+from tsbench.run.isolation.planner_files import PlannerFiles
 from tsbench.run.isolation.process import PlannerProcess
 from tsbench.run.isolation.sandbox_paths import is_installed, is_public
 
@@ -61,7 +62,7 @@ def test_what_is_mounted_in_the_folder_is_not_shown(tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     (tmp_path / "mine.py").write_text(PLANNER)
     code = (
-        "import sys; from tsbench.run.isolation.files import PlannerFiles; own = PlannerFiles(sys.argv[1]); "
+        "import sys; from tsbench.run.isolation.planner_files import PlannerFiles; own = PlannerFiles(sys.argv[1]); "
         "print([path.name for copy, _ in own.binds for path in copy.rglob('*')])"
     )
     mounted = 'mount -t tmpfs none "$1/other" && touch "$1/other/secret" || exit 9; shift; exec "$@"'

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from patience import HANG_S
 
-from tsbench.run.isolation.printed import Printed
+from tsbench.run.isolation.process import Printed
 
 PRINTS = """
 import os, sys
@@ -24,7 +24,7 @@ class P:
     def reset(self, context): pass
     def act(self, observation): pass
 """
-CODE = "import sys; from tsbench.run.isolation.loading import describe; describe(sys.argv[1])"
+CODE = "import sys; from tsbench.run.isolation.isolated_loading import describe; describe(sys.argv[1])"
 
 
 def test_a_terminal_is_shown_text(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from patience import HANG_S, eventually
 
 from tsbench.core.errors import InputError
 from tsbench.run.isolation import sandbox, system_calls
-from tsbench.run.isolation.loading import describe
+from tsbench.run.isolation.isolated_loading import describe
 
 # Says what it finds where its process can say it.
 TELLS = """
@@ -91,9 +91,8 @@ REFUSED = (
 
 def said_of(spec: str, before: tuple[str, ...] = ()) -> str:
     """Why a planner does not come up, in a process that is started with `before`."""
-    code = (
-        "import sys; from tsbench.run.isolation.loading import describe; print(describe(sys.argv[1]).effects)"
-    )
+    place = "tsbench.run.isolation.isolated_loading"
+    code = f"import sys; from {place} import describe; print(describe(sys.argv[1]).effects)"
     done = subprocess.run(
         [*before, sys.executable, "-c", code, spec], capture_output=True, text=True, timeout=HANG_S, check=False,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},

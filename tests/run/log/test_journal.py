@@ -11,8 +11,7 @@ from run_helpers import specs
 
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
-from tsbench.run.log.journal import Journal, decode, encode
-from tsbench.run.log.quarantine import Quarantine
+from tsbench.run.log.journal import Journal, Quarantine, decode, encode
 from tsbench.run.log.record import Record, error_row, lost_timing
 from tsbench.run.log.schema import VIOLATIONS
 

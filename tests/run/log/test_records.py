@@ -12,11 +12,9 @@ from run_helpers import episode_builders, specs
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.metrics.episode_metrics import EPISODE_METRICS
-from tsbench.run.log.journal import Journal
-from tsbench.run.log.quarantine import Quarantine
-from tsbench.run.log.record import last_seconds
+from tsbench.run.log.journal import Journal, Quarantine
+from tsbench.run.log.record import last_seconds, make_record
 from tsbench.run.log.schema import EPISODES, TABLES
-from tsbench.run.log.score import make_record
 from tsbench.run.log.tables import read_table, write_tables
 
 

@@ -125,9 +125,11 @@ class Reactive:
             # It keeps the ids of the lanelets that it was made with.
             self._planner, self._network = ReactivePlanner(self._config), scenario.lanelet_network
         self._planner.reset(
-            config=self._config, initial_state_cart=self._state(o.ego), collision_checker=self._checker(scenario),
+            config=self._config,
+            initial_state_cart=self._state(o.ego),
+            collision_checker=self._checker(scenario),
             coordinate_system=self._frame,
-        )  # fmt: skip
+        )
         self._planner.set_desired_velocity(desired_velocity=speed, current_speed=o.ego.speed)
         self._planner.set_v_sampling_parameters(0.0, min(speed, o.ego.speed + _FASTER_MPS))
         found = self._plan(o.ego)

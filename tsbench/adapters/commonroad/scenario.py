@@ -29,9 +29,9 @@ from tsbench.geometry.polyline import Array, Polyline
 from tsbench.planners.base import Observation, PlannerContext, SignView
 from tsbench.planners.geometry import lane_polygon
 from tsbench.planners.helpers import identified
+from tsbench.report.export.commonroad_lanelets import SIGN_NUMBERS
 from tsbench.roads.road_map import MapLane, RoadMap
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.commonroad import SIGN_NUMBERS
 from tsbench.sim.world import ActorKind
 
 # CommonRoad's made-up country, whose numbers of signs are modelled on Germany's.

@@ -7,7 +7,7 @@ nothing of tsbench; `Pdm` is the class that `--planner` names.
 from typing import ClassVar
 
 from tsbench.adapters.nuplan import NuPlanPlanner
-from tsbench.adapters.pdm.planner import PdmPlanner
+from tsbench.adapters.pdm.pdm_planner import PdmPlanner
 
 
 class Pdm(NuPlanPlanner):

@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from tsbench.adapters.sb3.planner import READING, RELU, TANH, WEIGHTS, mlp, observation_of
+from tsbench.adapters.sb3.sb3_planner import READING, RELU, TANH, WEIGHTS, mlp, observation_of
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
-from tsbench.envs.actions import PLAIN
+from tsbench.envs.encoders import PLAIN
 from tsbench.envs.exits import EXIT
 from tsbench.planners.weights import Network, Tensors, save_weights
 

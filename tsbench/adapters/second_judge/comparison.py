@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tsbench.adapters.second_judge.monitor import SPEED, STOP, ExportedDrive, Reading
+from tsbench.adapters.second_judge.commonroad_monitor import SPEED, STOP, ExportedDrive, Reading
 from tsbench.core.errors import InputError
 from tsbench.episode.trace import read_trace
 from tsbench.report.analyses.analysis import markdown_row
@@ -16,11 +16,7 @@ from tsbench.report.episode_files import Selection, export_kind, select_traces
 
 # By our clause: the types whose scenes ask it, and how the other judge is asked.
 RULES: Mapping[str, tuple[str, tuple[str, ...], Mapping[str, Reading]]] = {
-    "over_limit": (
-        "R_G3, speed limit",
-        ("speed_limit", "zone_speed_limit", "residential_zone"),
-        SPEED,
-    ),
+    "over_limit": ("R_G3, speed limit", ("speed_limit", "zone_speed_limit", "residential_zone"), SPEED),
     "no_full_stop": ("R_IN1, stop", ("stop",), STOP),
 }
 WHY = {

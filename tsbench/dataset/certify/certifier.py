@@ -21,7 +21,7 @@ from tsbench.dataset.certify.pair import (
 )
 from tsbench.dataset.certify.sanity import arrival_gap, overlapping_pairs, road_users
 from tsbench.dataset.certify.watching import Habit, Watcher, braking_to_meet, drawn_habits
-from tsbench.episode.result import EpisodeResult
+from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.base import Control, Trajectory

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from tsbench.core.seeds import rng_of
 from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.planners.common.pure_pursuit import AHEAD_S, LEAST_AHEAD_M
+from tsbench.planners.common.lane_change import AHEAD_S, LEAST_AHEAD_M
 from tsbench.planners.idm import Idm, IdmParameters
 from tsbench.sim.convoy import Approach, Showing
 from tsbench.sim.ego import pursue

@@ -16,9 +16,8 @@ from tsbench.dataset.scenes.carried import carried
 from tsbench.dataset.scenes.overview import build_report
 from tsbench.dataset.scenes.recipe import Recipe, load_recipe, recipe_types
 from tsbench.run.edition import editions, release_city
-from tsbench.scenarios.editions import write_scene_editions
 from tsbench.scenarios.map_pool import read_pool
-from tsbench.scenarios.table import read_table, splits_there, table_path
+from tsbench.scenarios.table import read_table, splits_there, table_path, write_scene_editions
 from tsbench.signs.catalog import load_catalog
 
 

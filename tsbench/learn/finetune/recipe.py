@@ -11,7 +11,7 @@ from typing import Any
 from tsbench.core.errors import InputError
 from tsbench.core.seeds import rng_of
 from tsbench.episode.perception_level import PerceptionLevel
-from tsbench.learn.finetune.frames import FinetuneSource, RecordedDrive, TakeoverDrive
+from tsbench.learn.finetune.obedient_frames import FinetuneSource, RecordedDrive, TakeoverDrive
 from tsbench.learn.finetune.targets import FinetuneSampling
 from tsbench.learn.imitation.drives import EpisodeDrive
 from tsbench.learn.imitation.recipe import TrainingRecipe, driven_in_turn, in_turn, kept_for_validation

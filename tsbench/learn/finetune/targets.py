@@ -32,7 +32,7 @@ from tsbench.planners.base import Observation
 from tsbench.planners.common.speed_profile import PathSamples
 from tsbench.planners.common.swept_path import HALF_LENGTH_M, moving_ahead, obstacle_ahead
 from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.signs import STOPPED_MPS
+from tsbench.planners.plant2.sign_tokens import STOPPED_MPS
 from tsbench.planners.plant2.tokens import Pose
 from tsbench.signs.model import RuleSpec
 from tsbench.signs.plate_params import ApproachParams, ObstacleParams, ReservedLaneParams

@@ -11,7 +11,7 @@ from tsbench.learn.finetune.targets import FAMILIES
 from tsbench.learn.imitation.recipe import validation_rows
 from tsbench.learn.imitation.task import ImitationTask, Integers
 from tsbench.planners.plant2.layout import Records
-from tsbench.planners.plant2.network import Plant2FtNetwork, Plant2Network
+from tsbench.planners.plant2.plant2_network import Plant2FtNetwork, Plant2Network
 from tsbench.planners.plant2.sizes import SIZES, size_of
 from tsbench.planners.plant2.torch_inference import network_of
 from tsbench.planners.plant2.vocabulary import Vocabulary

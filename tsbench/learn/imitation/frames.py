@@ -120,10 +120,7 @@ def frames_of(
 
 
 def observations(
-    facts: EpisodeFacts,
-    roads: Roads,
-    perception: Perception = EXACTLY,
-    luck: str = "",
+    facts: EpisodeFacts, roads: Roads, perception: Perception = EXACTLY, luck: str = ""
 ) -> Iterator[Observation]:
     """What a planner saw at each tick of a drive: the same observer and navigator over the same snapshots."""
     view = roads.view

@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from tsbench.core.errors import SimulationError
+from tsbench.core.machine import one_thread_each
 from tsbench.core.parallel import worker_processes
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.learn.imitation.processes import one_thread_each
-from tsbench.planners.plant2.planner import Plant2
 from tsbench.planners.plant2.planner_blind import Plant2Blind
 from tsbench.planners.plant2.planner_ft import Plant2Ft, StopPolicy
+from tsbench.planners.plant2.plant2_planner import Plant2
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.scenarios.spec import ScenarioSpec
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,22 +17,60 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn import functional
 from torch.utils.tensorboard import SummaryWriter
 
 from tsbench.core.seeds import rng_of, seed_of
 from tsbench.learn.checkpoint import load_checkpoint, save_checkpoint
-from tsbench.learn.imitation import curve
 from tsbench.learn.imitation.frames_store import FrameStore, TrainingResources
-from tsbench.learn.imitation.loss import losses, total
 from tsbench.learn.imitation.recipe import TrainingRecipe
 from tsbench.learn.imitation.skill import Skill, measure
 from tsbench.learn.imitation.task import ImitationTask
-from tsbench.learn.rows import add_row
+from tsbench.learn.learning_curve import CURVE, LOSSES, add_row, draw_imitation
 from tsbench.learn.start import command_line, prepare
+from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.layout import Records
-from tsbench.planners.plant2.network import Plant2Network
+from tsbench.planners.plant2.plant2_network import NetworkPlan, Plant2Network
 from tsbench.planners.plant2.torch_inference import tensors
 from tsbench.planners.weights import Network, network, save_weights
+
+# So that no term drowns the others: a good path is wrong by centimetres, a good speed still by a quarter of a nat.
+WEIGHTS = {"path": 1.0, "waypoints": 0.5, "speed": 0.5, "forecast": 0.2}
+
+
+def two_hot(speed: Tensor) -> Tensor:
+    """(b,) m/s to (b, 8): the weight is shared by the two classes around it, so that their mean is the speed."""
+    classes = torch.tensor(at.SPEEDS, device=speed.device)
+    v = speed.clamp(at.SPEEDS[0], at.SPEEDS[-1])
+    upper = torch.searchsorted(classes, v, right=True).clamp(1, len(at.SPEEDS) - 1)
+    share = (v - classes[upper - 1]) / (classes[upper] - classes[upper - 1])
+    rows = torch.arange(len(v), device=v.device)
+    target = torch.zeros((len(v), len(at.SPEEDS)), device=v.device)
+    target[rows, upper - 1] = 1.0 - share
+    target[rows, upper] = share
+    return target
+
+
+def losses(plan: NetworkPlan, frames: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Each term, unweighted; means over what is known. Forecasts only where the plan has them."""
+    terms = {
+        "path": _l1(plan.path, frames["path"], frames["path_known"]),
+        "waypoints": _l1(plan.waypoints, frames["waypoints"], frames["waypoints_known"]),
+        "speed": functional.cross_entropy(plan.speed, two_hot(frames["speed"])),
+    }
+    if plan.forecast is not None:
+        terms["forecast"] = _l1(plan.forecast, frames["forecast"], frames["forecast_known"])
+    return terms
+
+
+def total(terms: Mapping[str, Tensor]) -> Tensor:
+    return torch.stack([WEIGHTS[name] * value for name, value in terms.items()]).sum()
+
+
+def _l1(found: Tensor, wanted: Tensor, known: Tensor) -> Tensor:
+    weight = known.to(found.dtype)
+    return ((found - wanted).abs().mean(-1) * weight).sum() / weight.sum().clamp_min(1.0)
+
 
 _WINDOW_CHUNKS = 24
 _LOG_EVERY = 20
@@ -147,7 +185,7 @@ class Trainer:
         self._progress = replace(self._progress, steps=done + steps, frames=self._progress.frames + seen)
         means = {name: round(value / logged, 4) for name, value in sums.items()}
         if means:
-            add_row(self._resources.out / curve.LOSSES, {"steps": self._progress.steps, **means}, "steps")
+            add_row(self._resources.out / LOSSES, {"steps": self._progress.steps, **means}, "steps")
         pace = sum(len(rows) for rows in batches[first:]) / max(time.monotonic() - began, 1e-9)
         text = "  ".join(f"{name} {value:.3f}" for name, value in means.items())
         self._say(epoch, number, count, f"{text}  {pace:.0f} frames/s")
@@ -175,8 +213,8 @@ class Trainer:
             "frames": self._progress.frames,
             "seconds": round(self._progress.seconds, 1),
         }
-        add_row(out / curve.SKILLS, {**row, **asdict(skill)}, "epoch")
-        curve.draw_curve(out)
+        add_row(out / CURVE, {**row, **asdict(skill)}, "epoch")
+        draw_imitation(out)
         better = score >= self._progress.best
         if better:
             self._export(out, skill)

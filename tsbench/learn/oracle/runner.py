@@ -15,8 +15,7 @@ import numpy as np
 
 from tsbench.core.text import one_line
 from tsbench.core.typed import typed
-from tsbench.episode.outcome import EpisodeFacts
-from tsbench.episode.result import EpisodeResult
+from tsbench.episode.outcome import EpisodeFacts, EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.oracle.trajectories import Commands, Intents, QuantisedPlanner, fingerprints, steps_of
 from tsbench.metrics.comfort import comfort

@@ -25,7 +25,7 @@ from tsbench.core.provenance import digest, versions
 from tsbench.learn.oracle.runner import FIGURES, lost_try, unpack
 from tsbench.learn.oracle.trajectories import ORIGIN, Commands, Intents
 from tsbench.run.log.folder import write_error
-from tsbench.run.log.journal import Content, Journal, Key, decode
+from tsbench.run.log.journal import Content, Journal, Key, Quarantine, decode
 from tsbench.run.log.manifest import (
     NAME,
     Manifest,
@@ -35,7 +35,6 @@ from tsbench.run.log.manifest import (
     read_manifest,
     timestamp,
 )
-from tsbench.run.log.quarantine import Quarantine
 from tsbench.run.log.record import Record, Row
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.spec import ScenarioSpec

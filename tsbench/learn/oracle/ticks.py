@@ -14,8 +14,8 @@ import numpy as np
 
 from tsbench.core.errors import SimulationError
 from tsbench.envs.reward import RewardSpec, RouteReward
-from tsbench.envs.scene import SceneSeen
-from tsbench.episode.result import EpisodeResult
+from tsbench.envs.scene_seen import SceneSeen
+from tsbench.episode.outcome import EpisodeResult
 from tsbench.learn.oracle.trajectories import Recorded, Replay, difference
 from tsbench.run.stepped_episode import Judged, Step, process_episode
 from tsbench.scenarios.spec import ScenarioSpec

@@ -23,7 +23,7 @@ from stable_baselines3.common.utils import obs_as_tensor
 from stable_baselines3.common.vec_env import VecEnv
 from torch.nn.functional import mse_loss
 
-from tsbench.envs.drive import DriveEnv
+from tsbench.envs.drive_env import DriveEnv
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.experts.rules.obstacle_pass import ObstaclePass
 from tsbench.planners.idm import Idm

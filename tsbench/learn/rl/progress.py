@@ -14,8 +14,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 
 from tsbench.learn.checkpoint import load_checkpoint, save_checkpoint
-from tsbench.learn.rl.curve import CURVE, draw_curve
-from tsbench.learn.rows import add_row
+from tsbench.learn.learning_curve import CURVE, add_row, draw_rl
 
 _WINDOW = 200
 _ENDS = ("arrived", "collision", "off_road", "timeout")
@@ -128,5 +127,5 @@ class ProgressCallback(BaseCallback):
 
     def keep(self) -> None:
         save_progress(self._out, self.model, self.progress, self._job)  # type: ignore[arg-type]
-        draw_curve(self._out)
+        draw_rl(self._out)
         self._saved = time.monotonic()

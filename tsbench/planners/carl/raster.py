@@ -21,9 +21,7 @@ import numpy.typing as npt
 from tsbench.geometry.polyline import Array
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.common.cutout import Packed, cut, pack, repack
-from tsbench.planners.common.measurements import ahead, motion, on_route, pace
-from tsbench.planners.common.recent import Recent
-from tsbench.planners.common.route_speed import RouteSpeed
+from tsbench.planners.common.measurements import Recent, RouteSpeed, ahead, motion, on_route, pace
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import RoadMap
 from tsbench.sim.ego import MAX_SPEED_MPS

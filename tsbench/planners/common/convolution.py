@@ -1,12 +1,18 @@
-"""Convolutions in fixed-point numbers: exact products of blocks with a matrix. Pictures are (b, h, w, c)."""
+"""Convolutions in fixed-point numbers: exact products of blocks with a matrix. Pictures are (b, h, w, c).
+
+`Parameters` takes arrays out of weights, for layers of both kinds.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array
-from tsbench.planners.common.fixed_point import BITS, Linear, rounding_offset, tree_sum
+from tsbench.planners.common.fixed_point import BITS, LayerNorm, Linear, rounding_offset, tree_sum
 
 # Measured activations are below 20.
 LARGEST = 64.0
@@ -91,3 +97,32 @@ class GroupNorm:
         y += self._bias
         y -= self._lift
         return y
+
+
+Tensor = npt.NDArray[Any]
+
+
+class Parameters:
+    """Raises KeyError for a name that is not there."""
+
+    def __init__(self, weights: Mapping[str, Tensor]) -> None:
+        self._left = dict(weights)
+
+    def take(self, name: str) -> Tensor:
+        return self._left.pop(name)
+
+    def linear(self, name: str) -> tuple[Tensor, Tensor]:
+        return self.take(f"{name}.weight"), self.take(f"{name}.bias")
+
+    def norm(self, name: str) -> LayerNorm:
+        return LayerNorm(*self.linear(name))
+
+    def group_norm(self, name: str, area: int) -> GroupNorm:
+        """A normalisation of pictures of so many pixels."""
+        return GroupNorm(*self.linear(name), area)
+
+    def end(self, unused: tuple[str, ...] = ()) -> None:
+        """Raises ValueError where something is left but the parts that are not used here."""
+        left = sorted(name for name in self._left if name.partition(".")[0] not in unused)
+        if left:
+            raise ValueError(f"unexpected {', '.join(left)}")

@@ -1,4 +1,4 @@
-"""Lane changes of a route, held back until the lane beside has a gap. Units: m, s, m/s.
+"""Lane keeping by pure pursuit (Coulter 1992), and lane changes once the lane beside has a gap. Units: m, s, m/s, rad.
 
 A route's reference line changes lanes as soon as it may, with a gap or without. A driver waits for a gap: it keeps
 to its lane meanwhile, and stops where there is still room to change.
@@ -11,10 +11,62 @@ import math
 import numpy as np
 
 from tsbench.planners.base import Observation, PlannerContext
-from tsbench.planners.common.gap_acceptance import gap_free
+from tsbench.planners.common.swept_path import HALF_LENGTH_M
 from tsbench.roads.lane_graph import RoutePath
+from tsbench.roads.road_map import MapLane
+from tsbench.sim.ego import pursue
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import EgoState
+
+# Shortest look-ahead: what still damps at walking pace; longer ones cut junction turns of 4 m radius.
+LEAST_AHEAD_M = 2.0
+AHEAD_S = 0.4
+
+
+def follow(route: RouteView, ego: EgoState) -> float:
+    """Steering angle (rad) that keeps the ego on the path of its route."""
+    target = route.s + max(LEAST_AHEAD_M, AHEAD_S * ego.speed)
+    tx, ty = route.path.line.point_at(target)
+    return pursue(ego.x, ego.y, ego.heading, tx, ty)
+
+
+def pursue_route(observation: Observation) -> float:
+    """Steering angle (rad) that keeps the ego on its route: for planners that only choose a speed."""
+    return follow(observation.route, observation.ego)
+
+
+_LEAST_AHEAD_M = 3.0
+_LEAST_BEHIND_M = 4.0
+_REACTION_S = 1.0
+_EASY_BRAKE_MPS2 = 2.0
+_ASIDE_M = 0.3
+
+
+def gap_free(observation: Observation, lane: MapLane) -> bool:
+    """Could the ego be on `lane` beside where it is now without anybody having to brake hard?"""
+    ego, actors, line = observation.ego, observation.actors, lane.line
+    here, _ = line.project(ego.x, ego.y)
+    lengths, widths = actors.length.tolist(), actors.width.tolist()
+    for k, (x, y, _) in enumerate(actors.pose.tolist()):
+        s, d = line.project(x, y)
+        if abs(d) > 0.5 * (lane.width + widths[k]) - _ASIDE_M:
+            continue
+        speed = float(actors.speed[k])
+        apart = abs(s - here) - HALF_LENGTH_M - 0.5 * lengths[k]
+        if s >= here:
+            needed = _LEAST_AHEAD_M + _to_brake(ego.speed, speed)
+        else:
+            needed = _LEAST_BEHIND_M + _to_brake(speed, ego.speed)
+        if apart < needed:
+            return False
+    return True
+
+
+def _to_brake(behind: float, ahead: float) -> float:
+    """Way that the one behind gains on the one ahead before it is as slow: reaction, then easy braking."""
+    closing = behind - ahead
+    return max(closing * _REACTION_S + closing * closing / (2.0 * _EASY_BRAKE_MPS2), 0.0)
+
 
 # Farther over than this, the change is under way and is finished.
 _UNDER_WAY_M = 0.5

@@ -1,13 +1,72 @@
-"""The ego in a few numbers of about -1..1, for planners that learn. Blind to signs: limits are the road's own."""
+"""The ego in a few numbers of about -1..1, for planners that learn. Blind to signs: limits are the road's own.
+
+Units: m, m/s.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+import numpy as np
 
 from tsbench.geometry.angles import wrap
 from tsbench.planners.base import Observation
-from tsbench.planners.common.route_speed import RouteSpeed
+from tsbench.planners.common.speed_profile import PathSamples, speed_at, speed_profile
+from tsbench.roads.lane_graph import RoutePath
 from tsbench.sim.ego import MAX_DECEL_MPS2, MAX_SPEED_MPS, MAX_STEER_RAD
+from tsbench.sim.navigation import RouteView
+
+K = TypeVar("K")
+V = TypeVar("V")
+
+_MOST = 4
+
+
+class Recent(Generic[K, V]):
+    """Makes a value of a thing when it is first asked for, and keeps those of the last four. Things go by identity."""
+
+    def __init__(self, make: Callable[[K], V]) -> None:
+        self._make = make
+        self._kept: list[tuple[K, V]] = []
+
+    def __call__(self, thing: K) -> V:
+        for known, value in self._kept:
+            if known is thing:
+                return value
+        value = self._make(thing)
+        self._kept = [(thing, value), *self._kept[: _MOST - 1]]
+        return value
+
+
+_LATERAL_MPS2, _DECEL_MPS2 = 2.2, 2.0
+_PREVIEW_S = 0.5
+
+
+class RouteSpeed:
+    """Prepared once per path: a few are kept, as an expert's constraint and the navigation may take turns."""
+
+    def __init__(self) -> None:
+        self._of: Recent[RoutePath, tuple[list[float], list[float]]] = Recent(_limits_and_speeds)
+
+    def limit(self, route: RouteView) -> float:
+        limits = self._of(route.path)[0]
+        return limits[min(max(int(route.s), 0), len(limits) - 1)]
+
+    def allowed(self, route: RouteView, speed: float) -> float:
+        """Greatest speed half a second ahead at `speed`: limit, bends, and braking for what comes."""
+        return speed_at(self._of(route.path)[1], route.s + _PREVIEW_S * speed)
+
+
+def _limits_and_speeds(path: RoutePath) -> tuple[list[float], list[float]]:
+    """The limit between each metre and the next, and the speed profile."""
+    samples = PathSamples(path)
+    speeds = speed_profile(path, samples, lateral=_LATERAL_MPS2, decel=_DECEL_MPS2, factor=1.0, top=math.inf)
+    middle = np.arange(samples.last + 1) + 0.5
+    piece = np.maximum(np.searchsorted(path.limit_s, middle, side="right") - 1, 0)
+    return path.limit[piece].tolist(), speeds
+
 
 _OFFSET_M, _WAY_M = 5.0, 100.0
 _SOON_M = 2.0

@@ -16,8 +16,7 @@ import numpy as np
 from tsbench.core.errors import InputError
 from tsbench.core.extras import import_all
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
-from tsbench.planners.common.lane_change import LaneChanges
-from tsbench.planners.common.pure_pursuit import follow
+from tsbench.planners.common.lane_change import LaneChanges, follow
 from tsbench.planners.common.swept_path import HALF_LENGTH_M
 from tsbench.planners.experts.rules.constraint import RuleConstraint, slow_to
 from tsbench.planners.experts.rules.right_of_way import RightOfWay
@@ -61,7 +60,7 @@ class ObstacleFilter:
 
 # By kind of rule: the constraint in the file of its name.
 CONSTRAINTS: Mapping[str, Callable[[PlannerContext, Privilege], RuleConstraint]] = load_rule_classes(
-    import_all("tsbench.planners.experts.rules"), RuleConstraint
+    import_all("tsbench.planners.experts.rules"), RuleConstraint, "_constraint"
 )
 
 _BRAKE_MPS2 = 2.0

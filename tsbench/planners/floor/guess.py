@@ -13,7 +13,7 @@ from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.common.speed_profile import PathSamples
 from tsbench.planners.common.swept_path import HALF_LENGTH_M, obstacle_ahead
 from tsbench.planners.experts.rules.constraint import RuleConstraint
-from tsbench.planners.experts.rules.manoeuvre import Without, u_turns
+from tsbench.planners.experts.rules.manoeuvre_constraint import Without, u_turns
 from tsbench.planners.experts.rules.obstacle_pass import ObstaclePass
 from tsbench.planners.floor.lanes import BesideUsers, OwnPath, oncoming_path
 from tsbench.planners.floor.polite import Polite

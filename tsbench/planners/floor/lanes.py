@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from tsbench.planners.base import Observation, PlannerContext
-from tsbench.planners.common.gap_acceptance import gap_free
+from tsbench.planners.common.lane_change import gap_free
 from tsbench.planners.common.swept_path import HALF_LENGTH_M
 from tsbench.planners.experts.rules.constraint import RuleConstraint
 from tsbench.planners.experts.rules.obstacle_pass import shifted

@@ -8,7 +8,7 @@ from tsbench.planners.base import Observation
 from tsbench.planners.common.speed_profile import PathSamples
 from tsbench.planners.common.swept_path import HALF_LENGTH_M, moving_ahead
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
-from tsbench.planners.experts.rules.speed import KMH
+from tsbench.planners.experts.rules.speed_constraint import KMH
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import DT_S
 

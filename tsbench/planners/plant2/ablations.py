@@ -11,7 +11,7 @@ from typing import ClassVar
 
 from tsbench.planners.base import Observation
 from tsbench.planners.plant2.planner_ft import Plant2Ft, StopPolicy
-from tsbench.planners.plant2.signs import SignMemory
+from tsbench.planners.plant2.sign_tokens import SignMemory
 
 
 class SecondSeed(Plant2Ft):

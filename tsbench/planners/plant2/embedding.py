@@ -8,8 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array
+from tsbench.planners.common.convolution import Parameters
 from tsbench.planners.common.fixed_point import Linear, column_sums, snap
-from tsbench.planners.common.parameters import Parameters
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.engine_patch import ResidualPatchEngine, TiledPatchEngine
 

@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 from tsbench.geometry.elementary import exp
 from tsbench.geometry.polyline import Array
+from tsbench.planners.common.convolution import Parameters
 from tsbench.planners.common.fixed_point import BITS, SUM_BITS, Curve, Linear, gelu, snap, softmax, tree_sum
-from tsbench.planners.common.parameters import Parameters
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.embedding import Embedding
 from tsbench.planners.plant2.sizes import PATH, QUERIES, SIZES, SPEED, WAYPOINT

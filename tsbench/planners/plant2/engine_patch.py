@@ -6,9 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array
-from tsbench.planners.common.convolution import LARGEST, Convolution, rectified
+from tsbench.planners.common.convolution import LARGEST, Convolution, Parameters, rectified
 from tsbench.planners.common.fixed_point import Linear, gelu
-from tsbench.planners.common.parameters import Parameters
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.sizes import TILE
 

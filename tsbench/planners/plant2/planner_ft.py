@@ -12,9 +12,9 @@ import numpy as np
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.common.batching import Infer
 from tsbench.planners.plant2.layout import SIGN_SIDE_M, SIGN_TOKENS, Record, Records
-from tsbench.planners.plant2.planner import Plant2
+from tsbench.planners.plant2.plant2_planner import Plant2
 from tsbench.planners.plant2.route_alternatives import RouteAlternatives
-from tsbench.planners.plant2.signs import SignMemory, fill_signs
+from tsbench.planners.plant2.sign_tokens import SignMemory, fill_signs
 from tsbench.planners.plant2.tokens import Pose, Tokeniser
 from tsbench.planners.plant2.vocabulary import Vocabulary, vocabulary_of
 from tsbench.sim.world import DT_S, EgoState

@@ -15,7 +15,7 @@ import torch
 from tsbench.planners.common.batching import Infer
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.engine import target_speed_of
-from tsbench.planners.plant2.network import Plant2FtNetwork, Plant2Network
+from tsbench.planners.plant2.plant2_network import Plant2FtNetwork, Plant2Network
 
 # Slots for objects: an empty street costs less than a full one.
 BUCKETS = (6, 14, at.OBJECTS)

@@ -20,9 +20,7 @@ import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array
 from tsbench.planners.base import Observation, PlannerContext
-from tsbench.planners.common.measurements import ahead, clip, motion, on_route, pace
-from tsbench.planners.common.recent import Recent
-from tsbench.planners.common.route_speed import RouteSpeed
+from tsbench.planners.common.measurements import Recent, RouteSpeed, ahead, clip, motion, on_route, pace
 from tsbench.planners.ppo.lidar import RAYS, REACH_M, Lidar, road_edges
 from tsbench.roads.road_map import RoadMap
 

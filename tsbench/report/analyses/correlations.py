@@ -80,13 +80,15 @@ def correlations(pool: RunPool) -> Analysis:
         )
     scd = NAMES[present_parts(pool.summaries)[0]]
     columns = (
-        Column("group", f"{scd} of", Kind.TEXT), *text_columns("metric", "figure"),
+        Column("group", f"{scd} of", Kind.TEXT),
+        *text_columns("metric", "figure"),
         Column("rho", "ρ, metric over\nthe same episodes", decimals=2),
-        Column("planners", "planners", Kind.COUNT), Column("rho_overall", "ρ, metric over\nall episodes", decimals=2),
+        Column("planners", "planners", Kind.COUNT),
+        Column("rho_overall", "ρ, metric over\nall episodes", decimals=2),
         Column("planners_overall", "planners", Kind.COUNT),
         Column("nine", "ρ, signed SCD,\nthe nine here", decimals=2),
         Column("study", "ρ, signed SCD,\nthe nine, study", decimals=2),
-    )  # fmt: skip
+    )
     rows = []
     differ = any(pool.records[name].error.any() for name in pool.planners)
     for panel in present_panels(pool.summaries):
@@ -171,9 +173,7 @@ def _draw(pool: RunPool, title: str, stacked: bool = False) -> Figure:
             mark = Mark(ours.value, ours.low, ours.high, colour_of(panel), width=2.0)
             rows.append(ForestRow(metric.replace("_", " "), (mark,), str(ours.n)))
         panels[panel] = rows
-    key = {
-        "metric over the same episodes, strict, with its 95 % interval": Mark(0.0, 0.0, 0.0, INK),
-    }
+    key = {"metric over the same episodes, strict, with its 95 % interval": Mark(0.0, 0.0, 0.0, INK)}
     unit = f"Spearman's ρ with {NAMES[present_parts(pool.summaries)[0]]}, from -1 to 1; n: planners"
     figure = forest_panels(panels, unit, (-1.0, 1.0), key, stacked=stacked)
     if not stacked:

@@ -101,8 +101,10 @@ def _location(trace: Trace) -> list[Element]:
 def _state(tag: str, tick: int, row: Sequence[float]) -> Element:
     x, y, heading, speed = row
     exact = {
-        "orientation": number(math.remainder(heading, math.tau)), "time": str(tick), "velocity": number(speed)
-    }  # fmt: skip
+        "orientation": number(math.remainder(heading, math.tau)),
+        "time": str(tick),
+        "velocity": number(speed),
+    }
     return E(tag, E.position(point(x, y)), *(E(name, E.exact(text)) for name, text in exact.items()))
 
 
@@ -119,9 +121,11 @@ def _static(obstacle: Obstacle, obstacle_id: int) -> Element:
 def _dynamic(track: Track, obstacle_id: int) -> Element:
     first, *others = track.rows.tolist()
     element = E.dynamicObstacle(
-        E.type(_KINDS[track.kind]), _box(track.length, track.width), _state("initialState", track.first, first),
+        E.type(_KINDS[track.kind]),
+        _box(track.length, track.width),
+        _state("initialState", track.first, first),
         id=str(obstacle_id),
-    )  # fmt: skip
+    )
     if others:
         states = (_state("state", tick, row) for tick, row in enumerate(others, start=track.first + 1))
         element.append(E.trajectory(*states))

@@ -247,7 +247,9 @@ def _card(
         for name in ("solvable", "tempting", "engaged", "sane")
     }
     return {
-        "id": kind.id, "group": kind.group, "family": kind.family.replace("_", " "),
+        "id": kind.id,
+        "group": kind.group,
+        "family": kind.family.replace("_", " "),
         "names": list(dict.fromkeys(sign.name_en for sign in signs)),
         "codes": [sign.code for sign in signs],
         "plates": [(sign.code, _svg_uri(sign, example)) for sign in signs],
@@ -255,7 +257,7 @@ def _card(
         "shares": shares,
         "example": example.scenario_id,
         "picture": _picture(example),
-    }  # fmt: skip
+    }
 
 
 def _svg_uri(sign: Sign, example: ScenarioSpec) -> str:

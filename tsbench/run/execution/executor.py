@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, Self
 
-from tsbench.run.execution.memory import MemoryUse
+from tsbench.core.machine import MemoryUse
 from tsbench.run.execution.messages import Setup
 from tsbench.run.execution.task_queue import TaskQueue
 from tsbench.run.log.record import Record

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mmap
 import os
 
-from tsbench.episode.phase import Phase
+from tsbench.episode.outcome import Phase
 
 _SIZE = mmap.PAGESIZE
 _PHASE_BITS = 4

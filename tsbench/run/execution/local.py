@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.core.errors import InputError
+from tsbench.core.extras import load
 from tsbench.core.files import io_errors_as_input_errors
-from tsbench.run.execution.child import cause_of_end
-from tsbench.run.execution.executor import Limits
-from tsbench.run.execution.memory import MemoryUse, resident_mb
+from tsbench.core.machine import MemoryUse, cause_of_end, own_cores, resident_mb
+from tsbench.run.execution.executor import Executor, Limits
 from tsbench.run.execution.messages import FolderFailed, Probed, Ready, Setup
 from tsbench.run.execution.own_folder import remove_abandoned
 from tsbench.run.execution.task_queue import Task, TaskQueue
@@ -303,3 +303,17 @@ def _with_output(record: Record, worker: WorkerProcess) -> Record:
     worker.read_log()
     output = worker.tail_text() or "  (none)"
     return replace(record, detail=f"{record.detail.rstrip()}\n\nOutput of the worker\n{output}\n")
+
+
+EXECUTORS = ("local", "ray")
+
+
+def make_executor(kind: str, workers: int | None, most: int, limits: Limits) -> Executor:
+    """An executor, one of EXECUTORS. workers: how many, None = one for each core; never more than `most`.
+
+    Raises InputError where Ray is asked for and not installed, or its cluster cannot be reached.
+    """
+    if kind == "ray":
+        executor: Executor = load("tsbench.run.execution.ray").RayExecutor(workers, most, limits)
+        return executor
+    return Pool(min(workers or own_cores(), most), limits)

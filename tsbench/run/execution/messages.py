@@ -19,8 +19,8 @@ from tsbench.run.planner_info import PlannerInfo
 M = TypeVar("M")
 
 RUNNER = "tsbench.episode.runner:EpisodeRunner"
-ISOLATED = "tsbench.run.isolation.loading:load"
-ISOLATED_ALONE = "tsbench.run.isolation.loading:load_alone"
+ISOLATED = "tsbench.run.isolation.isolated_loading:load"
+ISOLATED_ALONE = "tsbench.run.isolation.isolated_loading:load_alone"
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class Setup:
     split: str
     contract: str
     runner: str = RUNNER
-    recorder: str = "tsbench.run.log.score:make_record"
+    recorder: str = "tsbench.run.log.record:make_record"
     options: Mapping[str, Any] = field(default_factory=dict)
     loader: str = ""
     hidden: tuple[str, ...] = ()

@@ -23,10 +23,10 @@ from ray.exceptions import RayError
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
+from tsbench.core.machine import MemoryUse
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.trace import trace_path
 from tsbench.run.execution.executor import Limits
-from tsbench.run.execution.memory import MemoryUse
 from tsbench.run.execution.messages import Finished, Probe, Probed, Refused, Setup, decode, encode
 from tsbench.run.execution.ray_actor import RayActor, handshake
 from tsbench.run.execution.task_queue import Task, TaskQueue

@@ -5,11 +5,9 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 
-from tsbench.episode.outcome import Outcome
-from tsbench.episode.phase import Phase
-from tsbench.run.execution.child import cause_of_end
+from tsbench.core.machine import cause_of_end, processor_s, resident_below_mb, resident_mb
+from tsbench.episode.outcome import Outcome, Phase
 from tsbench.run.execution.executor import Limits
-from tsbench.run.execution.memory import processor_s, resident_below_mb, resident_mb
 from tsbench.run.execution.task_queue import Task
 from tsbench.run.execution.worker_process import WorkerProcess
 from tsbench.run.log.record import Record, error_row, lost_timing

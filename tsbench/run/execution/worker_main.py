@@ -19,9 +19,7 @@ from typing import Any, Protocol
 
 from tsbench.core.errors import InputError, cause_of
 from tsbench.core.machine import die_with
-from tsbench.episode.outcome import Outcome
-from tsbench.episode.phase import Phase
-from tsbench.episode.result import EpisodeResult
+from tsbench.episode.outcome import EpisodeResult, Outcome, Phase
 from tsbench.episode.trace import trace_path, write_trace
 from tsbench.planners.registry import resolve
 from tsbench.run import opened_files

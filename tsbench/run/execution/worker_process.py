@@ -11,9 +11,8 @@ from collections import deque
 from pathlib import Path
 from typing import Any
 
-from tsbench.run.execution.child import ONE_THREAD
+from tsbench.core.machine import ONE_THREAD, MemoryUse
 from tsbench.run.execution.heartbeat import Heartbeat, heartbeat_file
-from tsbench.run.execution.memory import MemoryUse
 from tsbench.run.execution.messages import TO_RUN, Probe, Probed, Setup, Start, decode, encode
 from tsbench.run.execution.task_queue import Task
 

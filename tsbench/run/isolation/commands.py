@@ -26,10 +26,11 @@ def command_message(output: object) -> bytes:
             times, poses = output.times, output.poses
             return protocol.frame(
                 protocol.TrajectoryMessage(
-                    _floats("Trajectory.times", times, 1), _floats("Trajectory.poses", poses, 3),
+                    _floats("Trajectory.times", times, 1),
+                    _floats("Trajectory.poses", poses, 3),
                     _intent(output.intent),
                 )
-            )  # fmt: skip
+            )
     except KeyboardInterrupt:
         raise
     except BaseException as problem:

@@ -49,9 +49,17 @@ class Encoder:
         path = None if route.path is self._path else route.path
         self._path = route.path
         told = protocol.ObservationMessage(
-            o.step, o.time, o.ego, o.history, (route.s, route.d, route.remaining), path, o.actors, o.signs,
-            o.obstacles, o.truth,
-        )  # fmt: skip
+            step=o.step,
+            time=o.time,
+            ego=o.ego,
+            history=o.history,
+            route=(route.s, route.d, route.remaining),
+            path=path,
+            actors=o.actors,
+            signs=o.signs,
+            obstacles=o.obstacles,
+            truth=o.truth,
+        )
         return protocol.frame(told, self._encoder)
 
     def _plain(self, value: Any) -> Any:
@@ -107,9 +115,16 @@ class Decoder:
             self._path = told.path
         assert self._path is not None
         return Observation(
-            told.step, told.time, told.ego, told.history, RouteView(self._path, *told.route), told.actors,
-            told.signs, told.obstacles, told.truth,
-        )  # fmt: skip
+            step=told.step,
+            time=told.time,
+            ego=told.ego,
+            history=told.history,
+            route=RouteView(self._path, *told.route),
+            actors=told.actors,
+            signs=told.signs,
+            obstacles=told.obstacles,
+            truth=told.truth,
+        )
 
     def _rich(self, kind: Any, told: Any) -> Any:
         if kind is not ActorTable:

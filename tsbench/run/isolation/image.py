@@ -15,8 +15,8 @@ from typing import Any, Final
 
 from tsbench.core.errors import InputError
 from tsbench.run.execution.own_folder import SANDBOX, OwnFolder
-from tsbench.run.isolation.files import PlannerFiles
-from tsbench.run.isolation.programs import asked
+from tsbench.run.isolation.planner_files import PlannerFiles
+from tsbench.run.isolation.sandbox import asked
 from tsbench.run.isolation.sandbox_paths import (
     EXECUTABLE,
     LIMITS,
@@ -72,9 +72,11 @@ class Container:
         """
         self._engine = find_engine()
         self.effects: Mapping[str, Any] = {
-            "namespaces": self._engine, "limits": sorted({*LIMITS, "MEMORY"}), "image": image,
+            "namespaces": self._engine,
+            "limits": sorted({*LIMITS, "MEMORY"}),
+            "image": image,
             "image_id": image_id(self._engine, image),
-        }  # fmt: skip
+        }
         command = command_of(spec, python="python3")
         self.folder = OwnFolder(SANDBOX)
         self._name = self.folder.path.name

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
+import sys
+import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from tsbench.core.errors import InputError, PlannerOutputError
-from tsbench.core.text import fault_in_texts, one_line
+from tsbench.core.machine import cause_of_end
+from tsbench.core.text import fault_in_texts, one_line, written_out
 from tsbench.planners.base import Control, Observation, PlannerContext, Trajectory
-from tsbench.run.execution.child import cause_of_end
 from tsbench.run.isolation import protocol
 from tsbench.run.isolation.commands import read_command
 from tsbench.run.isolation.episode_messages import Encoder
-from tsbench.run.isolation.files import PlannerFiles
 from tsbench.run.isolation.image import Container, image_of
-from tsbench.run.isolation.printed import Printed
+from tsbench.run.isolation.planner_files import PlannerFiles
 from tsbench.run.isolation.protocol import ProtocolError
 from tsbench.run.isolation.sandbox import Sandbox
 
@@ -238,3 +240,46 @@ class IsolatedPlanner:
         if self._process is not None:
             self._process.close()
             self._process = None
+
+
+# Of what a process prints; more is read and dropped.
+_MOST_BYTES: Final = 100_000
+
+
+class Printed:
+    """end: a descriptor for a program to print to. Its lines go to this process's standard error, as text."""
+
+    def __init__(self) -> None:
+        self._start, self.end = os.pipe()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def close_end(self) -> None:
+        """Once programs have it: it ends when they do."""
+        os.close(self.end)
+
+    def _read(self) -> None:
+        left = _MOST_BYTES
+        with os.fdopen(self._start, "rb", buffering=0) as file:
+            held = b""
+            while piece := file.read(1 << 16):
+                held = (held + piece)[: left + 1]
+                *lines, held = held.split(b"\n")
+                for line in lines:
+                    left -= len(line) + 1
+                    _show(line)
+                if left < len(held):
+                    _show(b"(what the planner prints from here on is not shown)")
+                    while file.read(1 << 16):
+                        pass
+                    return
+            if held:
+                _show(held)
+
+    def wait(self) -> None:
+        """Until all that had the end have ended, and everything is shown; for a few seconds at most."""
+        self._reader.join(_LAST_S)
+
+
+def _show(line: bytes) -> None:
+    print(written_out(line.decode(errors="replace")), file=sys.stderr, flush=True)

@@ -23,8 +23,7 @@ from typing import Any, Final, NamedTuple
 from tsbench.core.errors import InputError
 from tsbench.core.text import one_line
 from tsbench.run.isolation.control_group import ControlGroup
-from tsbench.run.isolation.files import PlannerFiles
-from tsbench.run.isolation.programs import asked
+from tsbench.run.isolation.planner_files import PlannerFiles
 from tsbench.run.isolation.sandbox_paths import (
     LIMITS,
     MEMORY_BYTES,
@@ -35,6 +34,24 @@ from tsbench.run.isolation.sandbox_paths import (
     environment_of,
 )
 from tsbench.run.isolation.system_calls import call_filter
+
+_ANSWER_S: Final = 60.0
+_LONGEST: Final = 200
+
+
+def asked(*command: str) -> tuple[int, str, str]:
+    """Exit status, output, and the last line of what went wrong."""
+    try:
+        done = subprocess.run(
+            command, capture_output=True, text=True, errors="replace", timeout=_ANSWER_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return 1, "", f"no answer within {_ANSWER_S:.0f} s"
+    except OSError as problem:
+        return 1, "", str(problem.strerror)
+    lines = [one_line(line) for line in done.stderr.splitlines() if line.strip()]
+    return done.returncode, done.stdout, (lines[-1] if lines else f"exit code {done.returncode}")[:_LONGEST]
+
 
 _HOME: Final = "/scratch"
 # Where a sandbox's processes may write, in memory.
@@ -94,8 +111,10 @@ class Sandbox:
         # Of memory: for all its processes together, where groups can be made.
         limits = sorted({*LIMITS, "MEMORY"} if self._group else LIMITS)
         self.effects: Mapping[str, Any] = {
-            "namespaces": maker.version, "control_group": self._group is not None, "limits": limits,
-        }  # fmt: skip
+            "namespaces": maker.version,
+            "control_group": self._group is not None,
+            "limits": limits,
+        }
         # What an earlier planner printed to: nothing that it may have set there is for the next.
         logs = [_as_new(file) for file in (1, 2)] if output is None else []
         groups = [str(file) for file in self._group.members] if self._group else []

@@ -11,10 +11,10 @@ from site import getsitepackages
 
 import tsbench
 from tsbench.core.errors import InputError
+from tsbench.core.machine import ONE_THREAD
 from tsbench.core.paths import data_file, roots
 from tsbench.planners.registry import EXPERT
 from tsbench.planners.registry import place_of as registered_place
-from tsbench.run.execution.child import ONE_THREAD
 
 EXECUTABLE = "exe:"
 _SYSTEM = (

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, is_tmp, write_atomic, write_json
+from tsbench.core.machine import MemoryUse
 from tsbench.core.text import written_out
 from tsbench.episode.trace import trace_path
 from tsbench.run.edition import LOCAL
-from tsbench.run.execution.memory import MemoryUse
-from tsbench.run.log.journal import JOURNAL, Content, Journal, Key, belongs, open_locked
+from tsbench.run.log.journal import FOLDER as ASIDE
+from tsbench.run.log.journal import JOURNAL, Content, Journal, Key, Quarantine, belongs, open_locked
 from tsbench.run.log.later import Later
 from tsbench.run.log.manifest import (
     NAME,
@@ -27,8 +28,6 @@ from tsbench.run.log.manifest import (
     read_manifest,
     timestamp,
 )
-from tsbench.run.log.quarantine import FOLDER as ASIDE
-from tsbench.run.log.quarantine import Quarantine
 from tsbench.run.log.record import Record
 from tsbench.run.log.rescored import NAME as RESCORED
 from tsbench.run.log.schema import TABLES

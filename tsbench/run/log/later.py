@@ -10,6 +10,7 @@ from typing import Any
 from tsbench.core.errors import InputError
 from tsbench.core.paths import expanded
 from tsbench.run import opened_files
+from tsbench.run.isolation.isolated_loading import files_place
 from tsbench.run.log.record import Record
 from tsbench.run.planner_info import PlannerInfo, check_unchanged
 
@@ -72,8 +73,6 @@ class Later:
 
     def _of(self, planner: str) -> _Told:
         if planner not in self._told:
-            from tsbench.run.isolation.loading import files_place  # brings networks of roads
-
             try:
                 place = files_place(self._planners[planner].spec)
             except InputError:

@@ -13,7 +13,7 @@ from tsbench.dataset.maps.families.junction import junction_shape
 from tsbench.dataset.maps.lines import chord_over_arc, cut, heading_away, heading_towards, length
 from tsbench.dataset.maps.source import SourceNetwork
 from tsbench.geometry.angles import U_TURN, turn_class
-from tsbench.roads.shortest_ways import Reached, shortest_ways, way_to
+from tsbench.roads.lane_graph import Reached, shortest_ways, way_to
 from tsbench.scenarios.map_pool import SLOTS, PoolRow
 
 MIN_GAIN_M = 20.0

@@ -14,7 +14,7 @@ from tsbench.planners.common.speed_profile import PathSamples, speed_at, speed_p
 from tsbench.planners.common.swept_path import HALF_LENGTH_M, first_contact, moving_ahead
 from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequirement, ObservedVehicle
 from tsbench.planners.experts.rules.constraint import FREE, slow_to
-from tsbench.planners.experts.rules.junction import WayThrough, crossing
+from tsbench.planners.experts.rules.way_through import WayThrough, crossing
 from tsbench.planners.idm import IdmParameters, free_road
 from tsbench.roads.junction_paths import JunctionPath
 from tsbench.roads.lane_graph import RoutePath

@@ -13,7 +13,7 @@ import numpy as np
 
 from tsbench.geometry.polyline import Polyline
 from tsbench.planners.base import Observation, PlannerContext
-from tsbench.planners.common.gap_acceptance import gap_free
+from tsbench.planners.common.lane_change import gap_free
 from tsbench.planners.common.swept_path import HALF_LENGTH_M
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
 from tsbench.roads.lane_graph import RoutePath

@@ -1,9 +1,0 @@
-"""Exits onto one-way roads (5.7): turns that the sign allows; lanes are the route's business."""
-
-from __future__ import annotations
-
-from tsbench.planners.experts.rules.manoeuvre import ManoeuvreConstraint
-
-
-class OneWayExitConstraint(ManoeuvreConstraint):
-    """As where a manoeuvre is prescribed."""
