@@ -18,6 +18,7 @@ from patience import HANG_S
 
 from tsbench.cli import main
 from tsbench.core.errors import InputError
+from tsbench.dataset.scenes import overview
 from tsbench.report.page import dataset_page as module
 from tsbench.report.page.dataset_page import write_dataset_page
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
@@ -33,7 +34,8 @@ def proofs() -> Iterator[list[Certificate]]:
     """All certificates, read once."""
     found = read_certificates(certificates_path())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "read_certificates", lambda _: found)
+        for reader in (module, overview):
+            patch.setattr(reader, "read_certificates", lambda _: found)
         yield found
 
 
