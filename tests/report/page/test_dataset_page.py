@@ -152,6 +152,7 @@ def test_a_page_that_is_too_large_is_not_written(
     rows: list[ScenarioSpec], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "LARGEST_BYTES", 1000)
+    monkeypatch.setattr(module, "pack_scenes", lambda *_: ())
     with pytest.raises(InputError, match="give --types or --split"):
         write_dataset_page(rows[:1], tmp_path / "a.html", 1, lambda *_: None)
     assert list(tmp_path.iterdir()) == []
