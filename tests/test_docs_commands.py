@@ -61,19 +61,3 @@ def test_commands_of_a_page_exist(page: Path) -> None:
 
 def test_pages_have_commands() -> None:
     assert sum(len(commands(page.read_text(encoding="utf-8"))) for page in PAGES) > 100
-
-
-@pytest.mark.parametrize(
-    ("text", "problem"),
-    [
-        ("`tsbench run --planner idm --split dev`", None),
-        ("```\nTSBENCH_DATA=x .venv/bin/tsbench run --planner idm \\\n  --split test # all\n```", None),
-        ("`tsbench drive`", "no command drive"),
-        ("`tsbench data bring`", "no command bring"),
-        ("`tsbench run --planners idm`", "tsbench run: no option --planners"),
-        ("```\ntsbench run --trace some\n```", "tsbench run --trace: no choice some"),
-        ("`tsbench maps\nharvest --osm DIR`", None),
-    ],
-)
-def test_a_wrong_command_is_found(text: str, problem: str | None) -> None:
-    assert [wrong(line) for line in commands(text)] == [problem]

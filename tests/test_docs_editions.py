@@ -44,15 +44,3 @@ def wrong(text: str) -> str | None:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 def test_a_page_with_figures_is_of_the_edition_in_force_and_names_it(page: Path) -> None:
     assert wrong(page.read_text(encoding="utf-8")) is None
-
-
-def test_the_check_finds_figures_of_another_edition() -> None:
-    ours, theirs = (sorted(hashes(one.name))[0] for one in (IN_FORCE, OTHERS[-1]))
-    assert wrong(f"# Edition {IN_FORCE.name}\nContract `{ours}`.") is None
-    assert "does not name" in (wrong(f"# Results\nContract `{ours}`.") or "")
-    assert "remove them" in (
-        wrong(f"# Edition {IN_FORCE.name}\nContract `{ours}`, contract `{theirs}`.") or ""
-    )
-    assert "no contract" in (wrong(f"# Edition {IN_FORCE.name}\nContract `{'0' * 64}`.") or "")
-    assert wrong(f"# Figures of an older edition\nContract `{theirs}`.") is None
-    assert wrong("# A page without figures") is None

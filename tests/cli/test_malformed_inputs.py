@@ -165,7 +165,7 @@ def problem_of(run: Path) -> str | None:
 def test_an_ill_typed_manifest(run: Path, tsbench: Command) -> None:
     """Every part of a manifest in turn is something else: it is refused, or every command can live with it."""
     good = json.loads((run / "run.json").read_text())
-    refused = accepted = 0
+    refused, accepted, compared = 0, 0, set()
     for at in places(good):
         for value in VALUES:
             (run / "run.json").write_text(json.dumps(altered(good, at, value)))
@@ -176,7 +176,8 @@ def test_an_ill_typed_manifest(run: Path, tsbench: Command) -> None:
                 refused += 1
                 continue
             accepted += 1
-            if at and at[0] in ("planners", "effective"):
+            if at and at[0] in ("planners", "effective") and (at, type(value)) not in compared:
+                compared.add((at, type(value)))
                 code, _, err = tsbench(*READERS["compare"])
                 assert code in (0, 1, 2), (at, value, err)
     assert refused > 300

@@ -148,7 +148,7 @@ def test_scenes_are_of_every_type_quiet_and_busy() -> None:
 def test_driving_finds_what_is_wrong(bad: Path, name: str, topic: str, words: str) -> None:
     scenes = [s for s in read_table(table_path("test")) if s.variant == 0][:2]
     # Only who sleeps for ever is given up.
-    wait_limit_s = 8.0 if name == "Sleeper" else HANG_S
+    wait_limit_s = 5.0 if name == "Sleeper" else HANG_S
     found = check_driving(f"{bad}:{name}", scenes, wait_limit_s=wait_limit_s)
     assert words in " ".join(f.text for f in found if f.topic == topic), found
 

@@ -19,7 +19,6 @@ from tsbench.cli import cli
 from tsbench.core.paths import data_root
 from tsbench.run.log.schema import EPISODES
 
-HEAVY = ("torch", "matplotlib", "libsumo", "scipy", "pyarrow", "cv2", "rich")
 MAIN = "from tsbench.cli import main; main()"
 
 
@@ -77,20 +76,6 @@ def test_an_option_is_one_thing_in_all_commands() -> None:
     assert len(found) > 50
 
 
-def test_help_imports_nothing_heavy() -> None:
-    code = (
-        f"import sys; sys.argv[1:] = ['--help']\ntry: {MAIN}\nfinally: print(*sys.modules, file=sys.stderr)"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", code], text=True, capture_output=True, timeout=HANG_S, check=True
-    )
-    assert not {name.partition(".")[0] for name in done.stderr.split()} & set(HEAVY)
-
-
-def test_version() -> None:
-    assert tsbench("--version").stdout == "tsbench, version 0.1.0\n"
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -142,12 +127,12 @@ def test_real_scenes_with_one_and_two_workers(real: Path) -> None:
     assert len(list((real / "one" / "traces").rglob("*.parquet"))) == 4
 
 
-def test_rescore_agrees(real: Path) -> None:
-    done = tsbench("rescore", "one", cwd=real)
-    assert done.stdout == "one: 4 traces judged again, 0 episodes without a trace, disagreements: 0\n"
-
-
-def test_rescore_finds_what_was_changed(real: Path) -> None:
+def test_rescore_finds_what_was_changed(
+    real: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(real)
+    out, _ = in_process("rescore", capsys)("one")
+    assert out == "one: 4 traces judged again, 0 episodes without a trace, disagreements: 0\n"
     path = real / "two" / "episodes.parquet"
     table = pq.ParquetFile(path).read()
     rows = table.to_pylist()
@@ -155,7 +140,7 @@ def test_rescore_finds_what_was_changed(real: Path) -> None:
     rows[0]["sign_compliant"] = not rows[0]["sign_compliant"]
     rows[0]["comfort"] = 0.123
     pq.write_table(pa.Table.from_pylist(rows, schema=EPISODES.with_metadata(table.schema.metadata)), path)
-    done = tsbench("rescore", "two", cwd=real, expect=1)
-    assert f"idm {changed}: sign_compliant is" in done.stdout
-    assert f"idm {changed}: comfort is 0.123, by its trace" in done.stdout
-    assert "summary.json: differs from the aggregates" in done.stdout
+    out, _ = in_process("rescore", capsys)("two", expect=1)
+    assert f"idm {changed}: sign_compliant is" in out
+    assert f"idm {changed}: comfort is 0.123, by its trace" in out
+    assert "summary.json: differs from the aggregates" in out

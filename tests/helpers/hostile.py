@@ -129,11 +129,6 @@ class Crashes(Honest):
         ctypes.string_at(0)
 
 
-class Raises(Honest):
-    def act(self, observation):
-        raise KeyboardInterrupt
-
-
 def _line():
     return next(fd for fd in range(3, 64) if _is_socket(fd))
 
@@ -175,17 +170,6 @@ class Twice(Honest):
         time.sleep(60.0)
 
 
-class HangsUp(Honest):
-    def act(self, observation):
-        os.close(_line())
-        return super().act(observation)
-
-
-class NaN(Honest):
-    def act(self, observation):
-        return Control(float("nan"), 0.0)
-
-
 class LongPlan(Honest):
     def act(self, observation):
         return Control(0.0, 0.0, plan=np.zeros((1_000_000, 2)))
@@ -194,11 +178,6 @@ class LongPlan(Honest):
 class OddIntent(Honest):
     def act(self, observation):
         return Control(0.0, 0.0, intent=("nowhere",))
-
-
-class NoCommand(Honest):
-    def act(self, observation):
-        return "faster"
 
 
 class ForkBomb(Honest):
@@ -412,6 +391,24 @@ class LinksAway(Honest):
         Path("away").symlink_to("../../../victim")
         Path("below").mkdir()
         Path("below/away").symlink_to("../../../../victim")
+
+
+class Several(Honest):
+    """One attack after the other, whatever came of those before; an error names what has won something."""
+
+    def attack(self, context):
+        names = []
+        for kind in (
+            OpensFiles, LiftsLimits, SeesProcesses, StopsParent, Ptraces, ReadsParent, Inherits, WritesRun, Links,
+            LinksAway, Hoards, Connects, BecomesRoot, Uncovers, Environment,
+        ):  # fmt: skip
+            with suppress(Exception):
+                names += [kind.__name__] if kind().attack(context) else []
+        self.names = names
+
+    def act(self, observation):
+        assert not self.names, self.names
+        return super().act(observation)
 
 
 class Hangs(Honest):

@@ -1,14 +1,33 @@
-"""Rows of a pool that does not exist."""
+"""Rows of a pool that does not exist, and networks that placements prepare of them."""
 
 from __future__ import annotations
 
 import json
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 from simworld import FAST
 
+from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
+from tsbench.dataset.placements.by_name import placement_of
+from tsbench.dataset.scenes.recipe import Recipe, load_recipe
+from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.map_pool import PoolRow
+from tsbench.signs.catalog import load_catalog
+
+
+@cache
+def recipe_of(type_id: str) -> Recipe:
+    return load_recipe(type_id, load_catalog())
+
+
+def prepared(folder: Path, type_id: str, row: PoolRow, crop: PlainNet) -> RoadNetwork:
+    """A map as its type's placement prepares it."""
+    net = folder / f"{type_id}{row.shape}.net.xml.gz"
+    build_net(placement_of(recipe_of(type_id)).prepare(row, crop, recipe_of(type_id)), net)
+    return read_network(net)
 
 
 def row(

@@ -25,7 +25,7 @@ from tsbench.leaderboard.verification import ClaimVerdict, verify
 
 Make = Callable[..., Submission]
 Json = dict[str, Any]
-DRAW = {"sample": 2, "seed": 3, "verifier": "me", "workers": 1, "on_progress": lambda *_: None}
+DRAW = {"sample": 1, "seed": 3, "verifier": "me", "workers": 1, "on_progress": lambda *_: None}
 
 
 def put(data: Any, *where: str | int, to: object) -> None:

@@ -351,10 +351,10 @@ def test_from_the_command_line(
 
     code, said = call("submit", str(run), "--planner", "idm-e", "--authors", "us", "--shared-process")
     assert (code, f"idm-e-dev.json: idm-e, {DEV_ROWS} episodes" in said) == (0, True)
-    draw = ("--sample", "3", "--seed", "1", "--by", "me", "--workers", "1")
+    draw = ("--sample", "1", "--seed", "1", "--by", "me", "--workers", "1")
     code, said = call("verify", "idm-e-dev.json", *draw, "--out", "record.json")
     assert (code, said.splitlines()[-1]) == (0, "confirmed")
-    code, said = call("verify", "idm-e-dev.json", *draw, "--planner", "idm")
+    code, said = call("verify", "idm-e-dev.json", *draw, "--planner", "idm", "--shared-process")
     assert (code, said.splitlines()[-1]) == (1, "refuted")
     # Other bytes that another arithmetic would explain.
     data = json.loads(Path("idm-e-dev.json").read_text())
@@ -362,7 +362,7 @@ def test_from_the_command_line(
     for number, episode in enumerate(data["episodes"]):
         episode["digest"] = f"{number:032x}"
     Path("other.json").write_text(json.dumps(data))
-    code, said = call("verify", "other.json", *draw)
+    code, said = call("verify", "other.json", *draw, "--shared-process")
     assert (code, said.splitlines()[-1]) == (3, "verdicts equal, bytes not comparable")
     (tmp_path / "board").mkdir()
     for name in ("idm-e-dev.json", "record.json"):

@@ -51,7 +51,7 @@ def test_the_copied_tests_find_all_that_they_read(tmp_path: Path) -> None:
     Some that read files of each kind: cases of signs, roads made by netconvert, crops of scenes.
     """
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["mutmut"]
-    heavy = shutil.ignore_patterns("__pycache__", "*.safetensors")
+    heavy = shutil.ignore_patterns("*.safetensors")
     for name in (*settings["source_paths"], *settings["also_copy"], "tests", "pyproject.toml"):
         if (ROOT / name).is_dir():
             shutil.copytree(ROOT / name, tmp_path / name, ignore=heavy)

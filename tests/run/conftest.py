@@ -16,27 +16,27 @@ from tsbench.scenarios.store import store_path, write_store
 from tsbench.scenarios.table import write_table
 
 
-def write_data(root: Path) -> Path:
-    """40 scenarios of two types, on two maps each."""
+def write_data(root: Path, maps: int = 2) -> Path:
+    """Scenarios of two types, ten on each map of a type."""
     root.mkdir(parents=True)
     (root / "sign_catalog").symlink_to(ROOT / "sign_catalog")
-    rows = specs()
+    rows = specs(maps)
     for kind in {row.scenario_type for row in rows}:
-        maps: dict[str, dict[str, bytes]] = defaultdict(dict)
+        scenes: dict[str, dict[str, bytes]] = defaultdict(dict)
         for row in rows:
             if row.scenario_type == kind:
-                maps[row.map_id] |= {row.net: b"", row.additional: b""}
-        write_store(maps.items(), store_path("test", kind, root / "scenarios"))
+                scenes[row.map_id] |= {row.net: b"", row.additional: b""}
+        write_store(scenes.items(), store_path("test", kind, root / "scenarios"))
     write_table(rows, root / "scenarios" / "test.parquet")
     (root / "sumo_nets").mkdir()
-    maps = pa.table({"map_id": sorted({row.map_id for row in rows})})
-    maps = maps.replace_schema_metadata(POOL_SCHEMA.metadata)
-    pq.write_table(maps, root / "sumo_nets" / "pool.parquet")
+    pool = pa.table({"map_id": sorted({row.map_id for row in rows})})
+    pool = pool.replace_schema_metadata(POOL_SCHEMA.metadata)
+    pq.write_table(pool, root / "sumo_nets" / "pool.parquet")
     return root
 
 
 @pytest.fixture(scope="session")
-def make_data() -> Callable[[Path], Path]:
+def make_data() -> Callable[..., Path]:
     return write_data
 
 

@@ -47,15 +47,15 @@ def table(folder: Path) -> list[tuple[str, str]]:
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory, make_data: Callable[[Path], Path]) -> Bench:
+def whole(tmp_path_factory: pytest.TempPathFactory, make_data: Callable[..., Path]) -> Bench:
     """A data folder with an undisturbed campaign in it."""
     folder = tmp_path_factory.mktemp("whole")
-    bench = Bench(make_data(folder / "data"), folder)
+    bench = Bench(make_data(folder / "data", maps=1), folder)
     write(bench, TWO)
     done = bench.run("campaign", "c.yaml", expect=1)  # of the error outcome
     assert done.stdout.splitlines()[:2] == [
-        "first: 20 of 20 episodes finished, 0 with an error outcome",
-        "second: 20 of 20 episodes finished, 1 with an error outcome",
+        "first: 10 of 10 episodes finished, 0 with an error outcome",
+        "second: 10 of 10 episodes finished, 1 with an error outcome",
     ]
     return bench
 

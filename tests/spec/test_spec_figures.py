@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 import pytest
-from spec_tables import ROOT, numbers, table
+from spec_tables import numbers, table
 
 from tsbench.dataset.scenes import traffic
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.episode import outcome
-from tsbench.metrics import comfort, intervals
+from tsbench.metrics import comfort
 from tsbench.planners import registry
 from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
 from tsbench.signs.catalog import load_catalog
@@ -71,10 +71,6 @@ def test_comfort() -> None:
     assert page == [comfort.LONGITUDINAL_MPS2, *((-bound, bound) for bound in both)]
 
 
-def test_scores_and_intervals() -> None:
-    assert (intervals.RESAMPLES, intervals.LEVEL, intervals.MIN_CLUSTERS) == (10_000, 0.95, 5)
-
-
 def test_the_planners_are_those_that_are_registered() -> None:
     rows = table("planners.md", "planner", "expert")
     page = {name for row in rows for name in (row["planner"], row["expert"]) if name}
@@ -89,9 +85,3 @@ def test_styles() -> None:
         assert (low, high) == style.band
         cruise = [3.6 * nuplan.quantile_speed(share) for share in style.band]
         assert numbers(row["cruise speed about, km/h"]) == pytest.approx(cruise, abs=0.6)
-
-
-def test_the_data_that_the_index_names_is_there_once() -> None:
-    for name in ("nuplan_statistics.json", "published_results.csv"):
-        tops = [ROOT / top for top in ("tsbench", "docs", "scenarios", "sign_catalog")]
-        assert len([path for top in tops for path in top.rglob(name)]) == 1

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from pool_builders import crossroads
+from pool_builders import crossroads, prepared, recipe_of
 from simworld import CALM, cross_plain
 
 from tsbench.dataset.maps.build import build_net
@@ -15,7 +15,6 @@ from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.placements.by_name import placement_of
 from tsbench.dataset.placements.junction_arms import bending_arms, through_arms
 from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMapError
-from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.dataset.scenes.variants import Variant
 from tsbench.geometry.overlap import conflict_zone
 from tsbench.roads.junction_paths import junction_path
@@ -23,7 +22,6 @@ from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import Connection, RoadNetwork, read_network
 from tsbench.roads.planner_map import build_planner_map
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.junction_traffic import HOLD_BEFORE_LINE_M, HOLD_BRAKE_MPS2
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 
@@ -49,20 +47,11 @@ Key = tuple[str, str]
 KEYS: list[Key] = [(t, shape) for t in TYPES for shape in MAPS if (t, shape) != ("secondary_road", "T")]
 
 
-def recipe_of(type_id: str) -> Recipe:
-    return load_recipe(type_id, load_catalog())
-
-
 @pytest.fixture(scope="module")
 def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[Key, RoadNetwork]:
     """Each map as each type's placement prepares it."""
-    folder, built = tmp_path_factory.mktemp("junctions"), {}
-    for type_id, shape in KEYS:
-        recipe, (row, crop) = recipe_of(type_id), MAPS[shape]
-        net = folder / f"{type_id}{shape}.net.xml.gz"
-        build_net(placement_of(recipe).prepare(row, crop, recipe), net)
-        built[type_id, shape] = read_network(net)
-    return built
+    folder = tmp_path_factory.mktemp("junctions")
+    return {(type_id, shape): prepared(folder, type_id, *MAPS[shape]) for type_id, shape in KEYS}
 
 
 def place(networks: dict[Key, RoadNetwork], key: Key, layout: int, seed: int = 1) -> Arrangement:

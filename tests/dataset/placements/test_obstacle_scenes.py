@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from lxml import etree
-from pool_builders import corridor, crossroads
+from pool_builders import corridor, crossroads, prepared, recipe_of
 from simworld import CALM, LIMIT, cross_plain, road_plain, simulation
 
 from tsbench.dataset.maps.build import build_net
@@ -18,7 +18,6 @@ from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMa
 from tsbench.dataset.scenes import map_scenarios as site_module
 from tsbench.dataset.scenes.lint import lint_scene
 from tsbench.dataset.scenes.map_scenarios import SiteBuilder
-from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.dataset.scenes.variants import Variant, variants_of
 from tsbench.episode.outcome import Contact, Outcome
 from tsbench.episode.runner import EpisodeRunner
@@ -44,19 +43,11 @@ ROAD: tuple[PoolRow, PlainNet] = (corridor(speed=LIMIT), road_plain())
 MAPS = {**dict.fromkeys(DETOURS, ROAD), "blocked_road": (crossroads(), cross_plain())}
 
 
-def recipe_of(type_id: str) -> Recipe:
-    return load_recipe(type_id, load_catalog())
-
-
 @pytest.fixture(scope="module")
 def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]:
     """Each type's map as its placement prepares it."""
-    folder, built = tmp_path_factory.mktemp("obstacles"), {}
-    for type_id, (row, crop) in MAPS.items():
-        recipe, net = recipe_of(type_id), folder / f"{type_id}.net.xml.gz"
-        build_net(placement_of(recipe).prepare(row, crop, recipe), net)
-        built[type_id] = read_network(net)
-    return built
+    folder = tmp_path_factory.mktemp("obstacles")
+    return {type_id: prepared(folder, type_id, *made) for type_id, made in MAPS.items()}
 
 
 def task_of(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> SceneTask:

@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pool_builders import corridor, crossroads, two_way
+from pool_builders import corridor, crossroads, prepared, recipe_of, two_way
 from simworld import CALM, LIMIT, cross_plain, road_plain, simulation
 from test_route_scenes import TYPES, ways
 
-from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
 from tsbench.dataset.placements.by_name import placement_of
 from tsbench.dataset.placements.corridor import split_edge
@@ -24,12 +23,11 @@ from tsbench.dataset.placements.placement import Arrangement, SceneTask
 from tsbench.dataset.scenes import map_scenarios as site_module
 from tsbench.dataset.scenes.lint import lint_scene
 from tsbench.dataset.scenes.map_scenarios import MapScenarios, SiteBuilder
-from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.dataset.scenes.variants import Variant, variants_of
 from tsbench.geometry.angles import wrap
 from tsbench.geometry.polyline import Polyline
 from tsbench.roads.lane_graph import LaneGraph
-from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.certificates import Certificate
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -48,20 +46,11 @@ MAPS: dict[str, tuple[PoolRow, PlainNet]] = {
 }
 
 
-def recipe_of(type_id: str) -> Recipe:
-    return load_recipe(type_id, load_catalog())
-
-
 @pytest.fixture(scope="module")
 def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]:
     """Each type's map as its placement prepares it."""
-    folder, built = tmp_path_factory.mktemp("arranged"), {}
-    for type_id, (row, crop) in MAPS.items():
-        recipe = recipe_of(type_id)
-        net = folder / f"{type_id}.net.xml.gz"
-        build_net(placement_of(recipe).prepare(row, crop, recipe), net)
-        built[type_id] = read_network(net)
-    return built
+    folder = tmp_path_factory.mktemp("arranged")
+    return {type_id: prepared(folder, type_id, *made) for type_id, made in MAPS.items()}
 
 
 def place(networks: dict[str, RoadNetwork], type_id: str, variant: Variant, seed: int = 1) -> Arrangement:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pool_builders import corridor, row, two_way
+from pool_builders import corridor, prepared, recipe_of, row, two_way
 from simworld import CALM, LIMIT, edge, plain, simulation
 
 from tsbench.dataset.maps.build import build_net
@@ -22,7 +22,6 @@ from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMa
 from tsbench.dataset.scenes import map_scenarios as site_module
 from tsbench.dataset.scenes.lint import lint_scene
 from tsbench.dataset.scenes.map_scenarios import SiteBuilder
-from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.dataset.scenes.variants import Variant, variants_of
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
@@ -62,23 +61,14 @@ TWO_WAY = two_way()[0]
 WIDTH = 3.2
 
 
-def recipe_of(type_id: str) -> Recipe:
-    return load_recipe(type_id, load_catalog())
-
-
 def users_of(type_id: str) -> str:
     return "bus" if type_id.startswith("bus") else "bicycle"
 
 
 @pytest.fixture(scope="module")
 def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]:
-    folder, built = tmp_path_factory.mktemp("reserved"), {}
-    for type_id in TYPES:
-        recipe = recipe_of(type_id)
-        net = folder / f"{type_id}.net.xml.gz"
-        build_net(placement_of(recipe).prepare(*MADE[type_id], recipe), net)
-        built[type_id] = read_network(net)
-    return built
+    folder = tmp_path_factory.mktemp("reserved")
+    return {type_id: prepared(folder, type_id, *made) for type_id, made in MADE.items()}
 
 
 def task_of(

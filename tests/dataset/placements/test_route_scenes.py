@@ -7,19 +7,17 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from pool_builders import dual_path
+from pool_builders import dual_path, prepared, recipe_of
 from simworld import CALM, edge, plain
 
-from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainNet, PlainNode
 from tsbench.dataset.placements.by_name import placement_of
 from tsbench.dataset.placements.obedient_way import drive_time, grazing_turns, sharpest_bend, waits
 from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMapError
-from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.dataset.scenes.traffic import Router, TrafficRequest, standing_cars
 from tsbench.dataset.scenes.variants import Variant
 from tsbench.roads.lane_graph import LaneGraph
-from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import JunctionParams
@@ -59,20 +57,11 @@ def ways(slot: str, shape: str, longer_m: float = 0.0) -> tuple[PoolRow, PlainNe
     return replace(row, slot=slot, shape=shape), plain(list(n.values()), edges)
 
 
-def recipe_of(type_id: str) -> Recipe:
-    return load_recipe(type_id, load_catalog())
-
-
 @pytest.fixture(scope="module")
 def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]:
     """Each type's map as its placement prepares it."""
-    folder, built = tmp_path_factory.mktemp("routes"), {}
-    for type_id, key in TYPES.items():
-        recipe, (row, crop) = recipe_of(type_id), ways(*key)
-        net = folder / f"{type_id}.net.xml.gz"
-        build_net(placement_of(recipe).prepare(row, crop, recipe), net)
-        built[type_id] = read_network(net)
-    return built
+    folder = tmp_path_factory.mktemp("routes")
+    return {type_id: prepared(folder, type_id, *ways(*key)) for type_id, key in TYPES.items()}
 
 
 def task_of(networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, **change: str) -> SceneTask:

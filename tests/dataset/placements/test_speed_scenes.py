@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pool_builders import corridor, two_way
+from pool_builders import corridor, prepared, recipe_of, two_way
 from simworld import CALM, FAST, LIMIT, simulation
 
 from tsbench.core.paths import using_city
@@ -19,7 +19,6 @@ from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMa
 from tsbench.dataset.scenes import map_scenarios as site_module
 from tsbench.dataset.scenes.lint import lint_scene
 from tsbench.dataset.scenes.map_scenarios import SiteBuilder
-from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.dataset.scenes.scene_vehicles import scene_vehicles
 from tsbench.dataset.scenes.variants import INITIAL_SPEEDS_MPS, Variant, variants_of
 from tsbench.roads.lane_graph import LaneGraph
@@ -42,18 +41,10 @@ MADE = {
 }
 
 
-def recipe_of(type_id: str) -> Recipe:
-    return load_recipe(type_id, load_catalog())
-
-
 @pytest.fixture(scope="module")
 def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]:
-    folder, built = tmp_path_factory.mktemp("speed"), {}
-    for type_id in MADE:
-        recipe, net = recipe_of(type_id), folder / f"{type_id}.net.xml.gz"
-        build_net(placement_of(recipe).prepare(*MADE[type_id], recipe), net)
-        built[type_id] = read_network(net)
-    return built
+    folder = tmp_path_factory.mktemp("speed")
+    return {type_id: prepared(folder, type_id, *made) for type_id, made in MADE.items()}
 
 
 def task_of(

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -182,20 +180,3 @@ def test_files_of_a_table_without_a_figure(tmp_path) -> None:
     paths = write_analysis(small(), tmp_path / "new")
     assert [path.name for path in paths] == ["small.csv", "small.tex", "small.md"]
     assert {p.name for p in (tmp_path / "new").iterdir()} == {p.name for p in paths}
-
-
-ASKED = """
-import sys
-import numpy as np
-import tsbench.run.log.tables
-from tsbench.metrics.intervals import share_interval
-from tsbench.report.analyses.analyses_by_name import OF_POOL
-share_interval(np.ones((6, 1)), np.full((6, 1), 2.0))
-print(sorted({"scipy.stats", "matplotlib"} & sys.modules.keys()), *OF_POOL)
-"""
-
-
-def test_tables_import_neither_matplotlib_nor_scipy_s_statistics() -> None:
-    """Both take a second, at the end of every run and in each analysis."""
-    told = subprocess.run([sys.executable, "-c", ASKED], capture_output=True, text=True, check=True).stdout
-    assert told.split() == ["[]", "main", "types", "intervals", "failures", "correlations", "floor"]

@@ -18,6 +18,7 @@ from patience import HANG_S
 
 from tsbench.cli import main
 from tsbench.core.errors import InputError
+from tsbench.dataset.scenes import overview
 from tsbench.report.page import dataset_page as module
 from tsbench.report.page.dataset_page import write_dataset_page
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
@@ -33,7 +34,8 @@ def proofs() -> Iterator[list[Certificate]]:
     """All certificates, read once."""
     found = read_certificates(certificates_path())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "read_certificates", lambda _: found)
+        for reader in (module, overview):
+            patch.setattr(reader, "read_certificates", lambda _: found)
         yield found
 
 
@@ -150,6 +152,7 @@ def test_a_page_that_is_too_large_is_not_written(
     rows: list[ScenarioSpec], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "LARGEST_BYTES", 1000)
+    monkeypatch.setattr(module, "pack_scenes", lambda *_: ())
     with pytest.raises(InputError, match="give --types or --split"):
         write_dataset_page(rows[:1], tmp_path / "a.html", 1, lambda *_: None)
     assert list(tmp_path.iterdir()) == []

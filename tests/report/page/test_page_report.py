@@ -17,6 +17,7 @@ from tsbench.episode.trace import trace_path
 from tsbench.report.analyses.analysis import Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.run_pool import index_episodes, read_pool
 from tsbench.report.page import report_page as embedding
+from tsbench.report.page import report_sections
 from tsbench.report.page.report_page import NAME, Written, embed, write_report
 from tsbench.report.page.report_sections import heading, sections, show
 
@@ -24,6 +25,12 @@ from tsbench.report.page.report_sections import heading, sections, show
 @pytest.fixture(autouse=True)
 def handmade_scenes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(embedding, "_packer", page_runs.packer)
+
+
+@pytest.fixture
+def no_charts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drawing is what takes time; the page of `reported` has all charts."""
+    monkeypatch.setattr(report_sections, "inline_svg", lambda *_: "")
 
 
 def write(run: Path, partial: bool = False) -> tuple[Written, str]:
@@ -113,6 +120,7 @@ def test_the_command_writes_the_same_bytes_again(
     assert (tmp_path / "new" / "again.html").read_text(encoding="utf-8") == page
 
 
+@pytest.mark.usefixtures("no_charts")
 def test_missing_records_come_first_in_the_title(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = page_runs.make_run(tmp_path / "run", asked=50)
     assert "continue the run, or pass --allow-partial" in refused(capsys, run)
@@ -153,6 +161,7 @@ def test_several_runs_of_one_contract_are_one_page(tmp_path: Path) -> None:
     assert {path.parents[2].name for path in index.traces.values()} == {"idm", "mine"}
 
 
+@pytest.mark.usefixtures("no_charts")
 @pytest.mark.parametrize(("planners", "there"), [(5, False), (6, True)])
 def test_what_goes_with_scd_is_said_of_six_planners(tmp_path: Path, planners: int, there: bool) -> None:
     run = page_runs.make_run(tmp_path / "run", tuple(f"p{k}" for k in range(planners)))

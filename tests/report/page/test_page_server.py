@@ -25,10 +25,19 @@ from test_page_format import unpack
 from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.episode.trace import trace_path
+from tsbench.report.page import report_sections
 from tsbench.report.page import report_server as serving
 from tsbench.report.page.report_server import make_server, runs_below
 from tsbench.run.log.journal import JOURNAL, encode
 from tsbench.run.log.schema import TABLES, TIMING
+
+
+@pytest.fixture(scope="module", autouse=True)
+def no_charts() -> Iterator[None]:
+    """Drawing is what takes time, and the tests of pages look at charts."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(report_sections, "inline_svg", lambda *_: "")
+        yield
 
 
 @pytest.fixture

@@ -42,7 +42,7 @@ def test_a_network_that_does_not_load_on_it_is_refused_before_the_first_episode(
     assert not (tmp_path / "broken").exists()
 
 
-@pytest.mark.parametrize("name", ["plant2", "plant2-ft", "carl-e"])
+@pytest.mark.parametrize("name", ["plant2", "carl-e"])
 def test_a_device_that_is_not_there_is_one_line(name: str) -> None:
     torch = pytest.importorskip("torch")
     if torch.cuda.is_available():

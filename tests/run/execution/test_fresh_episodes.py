@@ -49,7 +49,7 @@ def test_what_a_driver_keeps_in_its_process_does_not_reach_the_next_episode(
 
 
 def test_an_isolated_driver_keeps_no_file_either(drivers: str, tmp_path: Path) -> None:
-    names = (*WIPED, "InFile")
+    names = ("InModule", "InProcess", "InFile")
     assert driven(drivers, names, tmp_path / "run", isolate=True) == {name: [FIRST, FIRST] for name in names}
 
 

@@ -147,14 +147,15 @@ def test_no_misdeed_costs_another_episode(misbehaved: Path) -> None:
 
 
 def test_what_a_planner_does_to_its_process_reaches_no_other(bench: Bench) -> None:
-    bench.run(*args("Spoils", "Thirds", types="speed_limit", out="after", workers="1", trace="all"))
-    bench.run(*args("Thirds", types="speed_limit", out="alone", workers="1", trace="all"))
+    few = {"types": "speed_limit", "limit": "6", "workers": "1", "trace": "all"}
+    bench.run(*args("Spoils", "Thirds", out="after", **few))
+    bench.run(*args("Thirds", out="alone", **few))
     found = []
     for out in ("after", "alone"):
         traces = sorted((bench.folder / out / "traces" / "Thirds").glob("*"))
         rows = {key: row for key, row in rows_of(bench.folder / out).items() if key[0] == "Thirds"}
         found.append((rows, [path.read_bytes() for path in traces]))
-    assert len(found[0][1]) == 20
+    assert len(found[0][1]) == 6
     assert found[0] == found[1]
 
 
@@ -167,8 +168,8 @@ def test_the_manifest_counts_them(misbehaved: Path) -> None:
     assert not (misbehaved / "run" / "journal.jsonl").exists()
 
 
-def test_a_worker_killed_from_outside_costs_nothing(bench: Bench) -> None:
-    tables = []
+def test_a_worker_killed_from_outside_costs_nothing(tmp_path: Path, make_data) -> None:
+    bench, tables = Bench(make_data(tmp_path / "data", maps=1), tmp_path), []
     for name in ("killed", "not-killed"):
         bench.run(*args("KilledOnce", types="speed_limit", out=name))
         assert (bench.folder / "mark").exists()

@@ -72,17 +72,17 @@ def _writable(folder: Path) -> bool:
 
 
 def test_a_disk_that_fills_up_loses_nothing(bench: Bench) -> None:
-    """No file may grow beyond 20 kB here: the journal reaches that after some episodes."""
-    run = ["run", "--planner", "fake_planners:Good", "--split", "test", "--trace", "none", "--workers", "1"]
+    """No file may grow beyond 10 kB here: the journal reaches that after some episodes."""
+    run = [*RUN[:-1], "10", "--trace", "none", "--workers", "1"]
     process = subprocess.run(
         bench.command(*run, "--out", "full"), cwd=bench.folder, env=bench.env, text=True, capture_output=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000)), timeout=HANG_S, check=False,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (10_000, 10_000)), timeout=HANG_S, check=False,
     )  # fmt: skip
     assert process.returncode == 2
     assert process.stderr.count("\n") == 1
     assert "journal.jsonl: File too large; finished episodes are kept" in process.stderr
     done = bench.run(*run, "--out", "full")
-    assert "of 40 episodes are already there" in done.stderr
+    assert "of 10 episodes are already there" in done.stderr
     bench.run(*run, "--out", "undisturbed")
     for name in ("episodes.parquet", "violations.parquet"):
         assert (bench.folder / "full" / name).read_bytes() == (
@@ -92,11 +92,11 @@ def test_a_disk_that_fills_up_loses_nothing(bench: Bench) -> None:
 
 @pytest.fixture
 def disk(bench: Bench) -> Iterator[Path]:
-    """A disk of 400 kB; skipped where mounting is not permitted."""
+    """A disk of 200 kB; skipped where mounting is not permitted."""
     folder = bench.folder / "disk"
     folder.mkdir()
     made = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=400k", "none", str(folder)], capture_output=True, check=False
+        ["mount", "-t", "tmpfs", "-o", "size=200k", "none", str(folder)], capture_output=True, check=False
     )
     if made.returncode:
         pytest.skip("this user may not mount anything")
@@ -109,7 +109,7 @@ def remount(disk: Path, options: str) -> None:
 
 
 def test_a_full_disk_loses_nothing_and_is_continued_when_there_is_room(bench: Bench, disk: Path) -> None:
-    run = ["run", "--planner", "fake_planners:Good", "--split", "test", "--trace", "all", "--workers", "2"]
+    run = [*RUN[:-1], "20", "--trace", "all", "--workers", "2"]
     process = bench.start(*run, "--out", "disk/run")
     out, err = process.communicate(timeout=HANG_S)
     assert process.returncode == 2, (out, err)
@@ -119,7 +119,7 @@ def test_a_full_disk_loses_nothing_and_is_continued_when_there_is_room(bench: Be
     assert there > 0
     remount(disk, "size=20m")
     done = bench.run(*run, "--out", "disk/run")
-    assert f"continuing: {there} of 40 episodes are already there" in done.stderr
+    assert f"continuing: {there} of 20 episodes are already there" in done.stderr
     bench.run(*run, "--out", "undisturbed")
     for name in ("episodes.parquet", "violations.parquet"):
         assert (disk / "run" / name).read_bytes() == (bench.folder / "undisturbed" / name).read_bytes()
