@@ -11,7 +11,8 @@ from labelled import network
 
 from tsbench.dataset.scenes.driven_plates import broken_plates
 from tsbench.dataset.scenes.place_lint import BROKEN, PlateFinding, finding_counts
-from tsbench.dataset.scenes.plate_places import PlacedPlates
+from tsbench.dataset.scenes.placed_plates import PlacedPlates
+from tsbench.dataset.scenes.plate_places import refused
 from tsbench.dataset.scenes.plate_roads import PlateRoads
 from tsbench.dataset.scenes.scene_vehicles import RoutedVehicle
 from tsbench.roads.lane_graph import LaneGraph
@@ -76,14 +77,14 @@ def test_every_kind_and_every_sign_is_there() -> None:
 def test_a_plate_that_can_stand(place: Place, name: str) -> None:
     scene = placed(PLACES[place][name])
     assert place in load_places().signs[scene.plates[0].code]
-    assert place not in dict(scene.refused(scene.plates[0]))
+    assert place not in dict(refused(scene, scene.plates[0]))
 
 
 @pytest.mark.parametrize(("place", "name"), placed_cases("cannot"))
 def test_a_plate_that_cannot(place: Place, name: str) -> None:
     case = PLACES[place][name]
     scene = placed(case)
-    assert case["says"] in dict(scene.refused(scene.plates[0]))[place]
+    assert case["says"] in dict(refused(scene, scene.plates[0]))[place]
 
 
 @pytest.mark.parametrize("rule", DRIVEN)

@@ -91,10 +91,10 @@ def streets_of(name: str, graph: networkx.MultiDiGraph) -> Streets:
             arms[min(count, _MOST_ARMS)] += nodes
     intersections = sum(arms.values())
     return Streets(
-        name, area_m2 / 1e6, told["street_length_total"] / 1e3, intersections,
-        {count: nodes / intersections if intersections else 0.0 for count, nodes in arms.items()},
-        counts.get(1, 0) / told["n"], told["street_length_avg"], told["circuity_avg"],
-        float(osmnx.orientation_entropy(osmnx.convert.to_undirected(graph), weight="length")),
+        extract=name, area_km2=area_m2 / 1e6, street_km=told["street_length_total"] / 1e3, intersections=intersections,
+        arms={count: nodes / intersections if intersections else 0.0 for count, nodes in arms.items()},
+        dead_ends=counts.get(1, 0) / told["n"], segment_m=told["street_length_avg"], circuity=told["circuity_avg"],
+        entropy=float(osmnx.orientation_entropy(osmnx.convert.to_undirected(graph), weight="length")),
     )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ from tsbench.dataset.placements.posts import (
     place_along,
     shuffled,
 )
-from tsbench.dataset.scenes.plate_places import PlacedPlates
+from tsbench.dataset.scenes.placed_plates import PlacedPlates
 from tsbench.dataset.scenes.plate_roads import PlateRoads
 from tsbench.dataset.scenes.traffic import Sent, shut_roads
 from tsbench.signs.annotations import SignInstance

@@ -21,7 +21,7 @@ from tsbench.dataset.placements.posts import (
     place_along,
     shuffled,
 )
-from tsbench.dataset.scenes.plate_places import PlacedPlates
+from tsbench.dataset.scenes.placed_plates import PlacedPlates
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import load_catalog
 

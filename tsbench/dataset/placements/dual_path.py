@@ -31,7 +31,8 @@ from tsbench.dataset.placements.placement import (
     turns_into,
     usual_limit,
 )
-from tsbench.dataset.scenes.plate_places import PlacedPlates
+from tsbench.dataset.scenes.placed_plates import PlacedPlates
+from tsbench.dataset.scenes.plate_places import refused
 from tsbench.dataset.scenes.plate_roads import plate_roads
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.angles import LEFT, RIGHT, SUMO_TURNS
@@ -112,7 +113,7 @@ class ManoeuvrePlacement(ScenePlacement):
         for half in (plates, self.other_plates(plates, other)):
             scene = PlacedPlates(load_places(), plate_roads(graph), half, (), ())
             for plate in half:
-                for _, why in scene.refused(plate):
+                for _, why in refused(scene, plate):
                     raise UnfitMapError(f"plate {plate.code} {why}")
         banned |= self.banned(graph, short, self._allowed(other))
         closed |= self.closed(graph, compliant) | self.empty(task, signed)
@@ -174,7 +175,7 @@ class ManoeuvrePlacement(ScenePlacement):
             for code in self._family
             if wanted in self._allowed(code)
             and other not in self._allowed(code)
-            and not scene.refused(plate_beside(task.network, code, approach, at))
+            and not refused(scene, plate_beside(task.network, code, approach, at))
         ]
         require(bool(fit), f"no plate permits {wanted} and prohibits {other} here")
         common = set(self.allowed) & {graph.turn(approach, e) for e in roads.ways_on(approach)}

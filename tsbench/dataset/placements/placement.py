@@ -154,7 +154,10 @@ def plate_beside(
     right = network.edge_lanes(edge)[0]
     x, y = right.line.point_at(s, -(right.width / 2 + PLATE_BESIDE_M))
     heading = right.line.heading_at(s)
-    return SignInstance(f"sign_{number}", code, value, edge, lane, s, x, y, heading, role, ends, params)
+    return SignInstance(
+        id=f"sign_{number}", code=code, value=value, edge=edge, lane=lane, position_m=s, x=x, y=y, heading=heading,
+        role=role, ends=ends, params=params,
+    )  # fmt: skip
 
 
 def usual_limit(network: RoadNetwork, code: str, at: tuple[str, float], edges: Sequence[str]) -> SignInstance:

@@ -16,7 +16,8 @@ from tsbench.dataset.placements.placement import (
     plate_beside,
 )
 from tsbench.dataset.scenes.driven_plates import broken_plates
-from tsbench.dataset.scenes.plate_places import CLOSING, PlacedPlates
+from tsbench.dataset.scenes.placed_plates import CLOSING, PlacedPlates
+from tsbench.dataset.scenes.plate_places import refused
 from tsbench.geometry.polyline import Polyline
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.catalog import load_catalog
@@ -51,7 +52,7 @@ def can_stand(plates: Sequence[tuple[SignInstance, ...]], halves: Sequence[Place
         scene = replace(half, plates=(*half.plates, *more))
         # A closed road bears on the plates of the roads that lead to it.
         closing = any(plate.code in CLOSING for plate in more)
-        if any(scene.refused(plate) for plate in (scene.plates if closing else more)):
+        if any(refused(scene, plate) for plate in (scene.plates if closing else more)):
             return False
         if any(p in more for v in scene.vehicles for p, _ in broken_plates(scene, v)):
             return False

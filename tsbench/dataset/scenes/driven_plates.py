@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from itertools import pairwise
 from types import MappingProxyType
 
-from tsbench.dataset.scenes.plate_places import PlacedPlates, PlateHere
+from tsbench.dataset.scenes.placed_plates import PlacedPlates, PlateHere
 from tsbench.dataset.scenes.scene_vehicles import RoutedVehicle
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import TARGET, SignInstance

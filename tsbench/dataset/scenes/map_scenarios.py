@@ -18,6 +18,7 @@ from tsbench.dataset.placements.counterparts import with_same_plates
 from tsbench.dataset.placements.distractors import distractors
 from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMapError, UnluckyDrawError
 from tsbench.dataset.scenes.drivers import draw_drivers
+from tsbench.dataset.scenes.plate_places import refused
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.scenes.scene_files import OtherTraffic, SceneFileWriter
 from tsbench.dataset.scenes.traffic import lane_km
@@ -214,7 +215,7 @@ class SiteBuilder:
         placed = [files(half, a).placed_plates(others) for half, a in halves.items()]
         for scene in placed:
             for plate in scene.plates:
-                for _, why in scene.refused(plate):
+                for _, why in refused(scene, plate):
                     raise UnluckyDrawError(f"plate {plate.code} {why}")
         more = distractors(there, halves[SIGNED], placed)
         spec = written(SIGNED, _with_plates(halves[SIGNED], more), others)

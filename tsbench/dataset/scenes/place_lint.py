@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from tsbench.dataset.scenes.driven_plates import broken_plates
-from tsbench.dataset.scenes.plate_places import PlacedPlates
+from tsbench.dataset.scenes.placed_plates import PlacedPlates
+from tsbench.dataset.scenes.plate_places import refused
 from tsbench.dataset.scenes.plate_roads import plate_roads
 from tsbench.dataset.scenes.scene_vehicles import scene_vehicles
 from tsbench.roads.lane_graph import LaneGraph
@@ -44,7 +45,7 @@ def lint_places(scene: Scene, graph: LaneGraph, scenario_id: str = "") -> tuple[
     found = [
         PlateFinding(scenario_id, plate.id, plate.code, plate.role, place, why)
         for plate in placed.plates
-        for place, why in placed.refused(plate)
+        for place, why in refused(placed, plate)
     ]
     for vehicle in placed.vehicles:
         kind = BROKEN_BY_EGO if vehicle.id == EGO_ID else BROKEN

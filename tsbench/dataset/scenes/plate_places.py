@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import cached_property
 from types import MappingProxyType
 
 from tsbench.dataset.scenes.lint import PLATE_SIDE_M
-from tsbench.dataset.scenes.plate_roads import PlateRoads, WayOn
-from tsbench.dataset.scenes.scene_vehicles import RoutedVehicle
-from tsbench.geometry.angles import LEFT, RIGHT, TURNS, U_TURN
+from tsbench.dataset.scenes.placed_plates import PlacedPlates, PlateHere
+from tsbench.geometry.angles import TURNS, U_TURN
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.reserved_lanes import is_reserved
 from tsbench.signs.annotations import TARGET, SignInstance
-from tsbench.signs.catalog import Sign, load_catalog
-from tsbench.signs.places import Place, PlaceTable
-from tsbench.sim.scene import Obstacle
+from tsbench.signs.catalog import load_catalog
+from tsbench.signs.places import Place
 from tsbench.sim.scene_file import EGO_ID
 
-CLOSING = ("3.1", "3.2")
 # Of the plates of both directions at one place: cosine of the least angle between them, and the widest road.
 _AGAINST, _ACROSS_M = -0.8, 60.0
 _FORBIDS_TURNS, _ORDERS_TURNS = "3.18.", "4.1."
@@ -28,104 +23,11 @@ _NEVER_TOGETHER = ({"min_speed", "reserved_lane"}, {"manoeuvre", "one_way_exit",
 _MINOR, _MAJOR = ("2.4", "2.5"), ("2.1", "2.3.1", "2.3.2", "2.3.3")
 
 
-@dataclass(frozen=True)
-class PlacedPlates:
-    """All that decides where plates can stand: roads, plates, obstacles and vehicles of one scene."""
-
-    table: PlaceTable
-    roads: PlateRoads
-    plates: tuple[SignInstance, ...]
-    obstacles: tuple[Obstacle, ...]
-    vehicles: tuple[RoutedVehicle, ...]
-
-    @cached_property
-    def at_line(self) -> Mapping[str, tuple[PlateHere, ...]]:
-        """By edge that ends at a junction: the plates on the road that it ends."""
-        found: dict[str, tuple[PlateHere, ...]] = {}
-        for here in (PlateHere(self, plate) for plate in self.plates):
-            if here.ahead.junction:
-                found[here.ahead.edges[-1]] = (*found.get(here.ahead.edges[-1], ()), here)
-        return found
-
-    @cached_property
-    def against(self) -> Mapping[str, str]:
-        """Edges against the direction of the road across a target of one-way traffic, with the target's code.
-
-        That road has lanes both ways in both halves: its plates alone say its direction.
-        """
-        found: dict[str, str] = {}
-        for plates in self.at_line.values():
-            for here in plates:
-                if here.plate.role == TARGET and here.sign.rule.name == "one_way_exit":
-                    for edge in here.across[1]:
-                        s = self.roads.length(edge)
-                        road = (
-                            *self.roads.approach(edge=edge, s=s).edges,
-                            *self.roads.back(edge=edge, s=0.0).edges,
-                        )
-                        found.update(dict.fromkeys(road, here.plate.code))
-        return found
-
-    def refused(self, plate: SignInstance) -> tuple[tuple[Place, str], ...]:
-        """Each kind of place that a plate needs and does not have, with the reason; () where it can stand."""
-        here = PlateHere(self, plate)
-        answers = ((place, _TESTS[place](here)) for place in self.table.signs.get(plate.code, ()))
-        return tuple((place, why) for place, why in answers if why)
-
-
-@dataclass(frozen=True)
-class PlateHere:
-    """One plate at its place."""
-
-    scene: PlacedPlates
-    plate: SignInstance
-
-    @cached_property
-    def sign(self) -> Sign:
-        return load_catalog().sign(self.plate.code)
-
-    @cached_property
-    def ahead(self) -> WayOn:
-        """The way on to the next junction."""
-        return self.scene.roads.approach(edge=self.plate.edge, s=self.plate.position_m)
-
-    @cached_property
-    def across(self) -> tuple[frozenset[str], frozenset[str]]:
-        """Of a plate of one-way traffic: edges of the crossing road in its direction behind it, and against it."""
-        allowed = self.sign.rule.options["allowed"]
-        side, other = (RIGHT, LEFT) if RIGHT in allowed else (LEFT, RIGHT)
-        across = self.scene.roads.across(self.ahead.edges[-1])
-        return across[side][0], across[other][0] | across[side][1]
-
-    def is_before(self, other: SignInstance) -> bool:
-        """Does another plate stand farther on, before the next junction?"""
-        on = other.edge in self.ahead.edges
-        return on and (other.edge != self.plate.edge or other.position_m > self.plate.position_m)
-
-    def closing(self, edge: str) -> str:
-        """Code of the plate that closes an edge at its mouth, or makes its road one-way against it; "": none does."""
-        at_mouth = (p.code for p in self.scene.plates if p.edge == edge and p.code in CLOSING)
-        return next(at_mouth, self.scene.against.get(edge, ""))
-
-    def lets(self, approach: str, edge: str) -> bool:
-        """Do all plates of ways on at an approach permit the turn from it onto an edge?"""
-        turn = self.scene.roads.graph.turn(approach, edge)
-        allowed = (p.sign.rule.options.get("allowed") for p in self.scene.at_line.get(approach, ()))
-        return all(turn in turns for turns in allowed if turns is not None)
-
-    def is_at_target(self, rule: str) -> bool:
-        """Does the plate regulate the junction of the target, whose rule has this name?"""
-        roads = self.scene.roads
-        return any(
-            roads.approach(edge=p.edge, s=p.position_m).junction == self.ahead.junction
-            for p in self.scene.plates
-            if p.role == TARGET and load_catalog().sign(p.code).rule.name == rule
-        )
-
-    @property
-    def farthest(self) -> float:
-        """How far before its line, crossing or obstacle the sign may stand."""
-        return self.sign.placement.distance_m[1] + self.scene.table.distances.slack_m
+def refused(scene: PlacedPlates, plate: SignInstance) -> tuple[tuple[Place, str], ...]:
+    """Each kind of place that a plate of a scene needs and does not have, with the reason; () where it can stand."""
+    here = PlateHere(scene, plate)
+    answers = ((place, _TESTS[place](here)) for place in scene.table.signs.get(plate.code, ()))
+    return tuple((place, why) for place, why in answers if why)
 
 
 def _line(here: PlateHere) -> str:

@@ -28,7 +28,7 @@ from tsbench.dataset.scenes.elements import (
     write_additional,
 )  # fmt: skip
 from tsbench.dataset.scenes.lint import lint_scene
-from tsbench.dataset.scenes.plate_places import PlacedPlates
+from tsbench.dataset.scenes.placed_plates import PlacedPlates
 from tsbench.dataset.scenes.plate_roads import plate_roads
 from tsbench.dataset.scenes.scene_vehicles import routed_vehicles
 from tsbench.dataset.scenes.traffic import (
@@ -112,17 +112,10 @@ class SceneFileWriter:
     def _fixed(self, plan: ConvoyPlan | None) -> list[etree._Element]:
         a, network = self.a, self.roads.network
         layout = SceneLayout(
-            a.signs,
-            a.target,
-            a.obstacles,
-            a.start,
-            a.destination,
-            plan,
-            a.route_hint,
-            a.compliant_hint,
-            a.walkers,
-            a.contrast,
-        )
+            signs=a.signs, target=a.target, obstacles=a.obstacles, start=a.start, destination=a.destination,
+            convoy=plan, route_hint=a.route_hint, compliant_hint=a.compliant_hint, walkers=a.walkers,
+            contrast=a.contrast,
+        )  # fmt: skip
         return layout_elements(layout, network) + list(a.extra) + obstacle_elements(a.obstacles, network)
 
     def _types(self) -> list[etree._Element]:
@@ -156,16 +149,9 @@ class SceneFileWriter:
             return [], 0.0
         length = lane_km(network, a.closed_edges)
         ask = TrafficRequest(
-            asked,
-            self.drivers,
-            a.start,
-            a.avoid_turns,
-            a.quiet_edges,
-            a.blocked,
-            a.platoons,
-            a.closed_edges,
-            a.quiet_s,
-        )
+            asked, self.drivers, a.start, a.avoid_turns, a.quiet_edges, a.blocked, platoons=a.platoons,
+            closed_edges=a.closed_edges, quiet_s=a.quiet_s,
+        )  # fmt: skip
         goal = target = asked * length
         best: tuple[float, list[Car]] | None = None
         written: TrafficRequest | None = None
