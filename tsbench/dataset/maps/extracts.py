@@ -20,7 +20,7 @@ def extract_info(name: str) -> Extract:
         date="",
         address="",
         sha256="",
-        size=0,
+        bytes=0,
         licence="",
         rank=len(known),
     )
