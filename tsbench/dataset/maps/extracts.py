@@ -13,17 +13,7 @@ from tsbench.dataset.maps.names import SUFFIXES, extracts_in
 def extract_info(name: str) -> Extract:
     """An extract of the city; another counts as well tagged, ranks after those, and is its own code."""
     known = chosen_city().extracts
-    other = Extract(
-        name=name,
-        code=name,
-        well_tagged=True,
-        date="",
-        address="",
-        sha256="",
-        bytes=0,
-        licence="",
-        rank=len(known),
-    )
+    other = Extract(name, name, True, "", "", "", 0, "", rank=len(known))
     return next((extract for extract in known if extract.name == name), other)
 
 
