@@ -15,9 +15,9 @@ from tsbench.core.typed import read_sheet
 from tsbench.signs.catalog import load_catalog
 
 Place = Literal[
-    "line", "junction", "priority", "choice", "shown", "open_road", "enterable", "one_way_across", "obstacle",
-    "several_lanes", "by_its_lane", "kerb_lane", "contraflow", "mouth", "unentered", "unused", "entered", "begin",
-    "road_speed", "not_before_yield", "crossing", "ring", "alone", "both_ways", "own_direction", "lasting",
+    "line", "junction", "priority", "choice", "shown", "open_road", "enterable", "onward", "one_way_across",
+    "obstacle", "several_lanes", "by_its_lane", "kerb_lane", "contraflow", "mouth", "unentered", "unused", "entered",
+    "begin", "road_speed", "not_before_yield", "crossing", "ring", "alone", "both_ways", "own_direction", "lasting",
 ]  # fmt: skip
 PLACES: tuple[Place, ...] = get_args(Place)
 _Positive = Annotated[float, Meta(gt=0.0, lt=1e300)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -92,17 +92,20 @@ class PlateHere:
 
     def lets(self, approach: str, edge: str) -> bool:
         """Do all plates of ways on at an approach permit the turn from it onto an edge?"""
-        turn = self.scene.roads.graph.turn(approach, edge)
-        allowed = (p.sign.rule.options.get("allowed") for p in self.scene.at_line.get(approach, ()))
-        return all(turn in turns for turns in allowed if turns is not None)
+        return all(plate.permits(approach, edge) for plate in self.scene.at_line.get(approach, ()))
 
-    def is_at_target(self, rule: str) -> bool:
-        """Does the plate regulate the junction of the target, whose rule has this name?"""
+    def permits(self, approach: str, edge: str) -> bool:
+        """Does this plate permit the turn from its approach onto an edge?"""
+        turns = self.sign.rule.options.get("allowed")
+        return turns is None or self.scene.roads.graph.turn(approach, edge) in turns
+
+    def at_target(self, codes: Sequence[str]) -> bool:
+        """Does the plate stand before the junction of a target with one of these codes?"""
         roads = self.scene.roads
         return any(
             roads.approach(edge=p.edge, s=p.position_m).junction == self.ahead.junction
             for p in self.scene.plates
-            if p.role == TARGET and load_catalog().sign(p.code).rule.name == rule
+            if p.role == TARGET and p.code in codes
         )
 
     @property

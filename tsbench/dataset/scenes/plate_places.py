@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 from tsbench.dataset.scenes.lint import PLATE_SIDE_M
 from tsbench.dataset.scenes.placed_plates import PlacedPlates, PlateHere
-from tsbench.geometry.angles import TURNS, U_TURN
+from tsbench.geometry.angles import STRAIGHT, TURNS, U_TURN
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.reserved_lanes import is_reserved
 from tsbench.signs.annotations import TARGET, SignInstance
@@ -20,6 +20,7 @@ from tsbench.sim.scene_file import EGO_ID
 _AGAINST, _ACROSS_M = -0.8, 60.0
 _FORBIDS_TURNS, _ORDERS_TURNS = "3.18.", "4.1."
 _NEVER_TOGETHER = ({"min_speed", "reserved_lane"}, {"manoeuvre", "one_way_exit", "roundabout"})
+_ONE_WAY = ("5.7.1", "5.7.2")
 _MINOR, _MAJOR = ("2.4", "2.5"), ("2.1", "2.3.1", "2.3.2", "2.3.3")
 
 
@@ -117,11 +118,22 @@ def _enterable(here: PlateHere) -> str:
     return ""
 
 
+def _onward(here: PlateHere) -> str:
+    if not here.ahead.junction or here.plate.role == TARGET:
+        return ""
+    approach, roads = here.ahead.edges[-1], here.scene.roads
+    kept = roads.main_ways(approach) if here.at_target(_MINOR + _MAJOR) else set()
+    if len(roads.network.edges[approach].lanes) > 1:
+        kept |= {e for e in roads.ways_on(approach) if roads.graph.turn(approach, e) == STRAIGHT}
+    turned = sorted(e for e in kept if not here.permits(approach, e) and not here.closing(e))
+    return f"turns traffic off its road, which goes on to {turned[0]}" if turned else ""
+
+
 def _one_way_across(here: PlateHere) -> str:
     if not here.ahead.junction:
         return ""
     onto, against = here.across
-    if onto and here.is_at_target("one_way_exit"):
+    if onto and here.at_target(_ONE_WAY):
         # That road has lanes both ways in both halves, and no vehicle uses it.
         used = [v.id for v in here.scene.vehicles if not against.isdisjoint(v.edges)]
         return f"{used[0]} drives against it on the crossing road" if used else ""
@@ -336,6 +348,7 @@ _TESTS: Mapping[Place, Callable[[PlateHere], str]] = MappingProxyType(
         "shown": _shown,
         "open_road": _open_road,
         "enterable": _enterable,
+        "onward": _onward,
         "one_way_across": _one_way_across,
         "obstacle": _obstacle,
         "several_lanes": _several_lanes,

@@ -180,6 +180,22 @@ class PlateRoads:
             if lanes[c.from_lane].edge == approach and lanes[c.to_lane].edge in ways
         )
 
+    def main_ways(self, approach: str) -> set[str]:
+        """Edges by which traffic from an approach stays on the main road: others wait, straight on or both ways."""
+        back = self.other_direction([approach])
+        return {
+            e
+            for e in self._first_ways(approach)
+            if self.graph.turn(approach, e) == STRAIGHT
+            or any(back & self._first_ways(b) for b in self.other_direction([e]))
+        }
+
+    def _first_ways(self, approach: str) -> set[str]:
+        """Edges onto which traffic from an approach has right of way over all others."""
+        lanes = self.network.lanes
+        links = (c for i in self.network.edges[approach].lanes for c in self.network.outgoing[i])
+        return {lanes[c.to_lane].edge for c in links if not c.yields_to}
+
     def across(self, approach: str) -> dict[str, tuple[frozenset[str], frozenset[str]]]:
         """The road across an approach's end, by side (LEFT, RIGHT): edges that lead there and that come from there."""
         node = self.network.edges[approach].target

@@ -110,9 +110,10 @@ def mark_shapes(network: RoadNetwork, signs: Sequence[SignInstance] = ()) -> Ite
         lane = network.lane(name)
         # Between the lines at its sides.
         yield Area("reserved", lane_area(lane.line, lane.width - 2.0 * _LINES_M))
-    for index, line in stop_lines(network, signs).items():
-        yield from _end_marks(network.lanes[index], line)
     regulated, across = _regulated(network, signs), _across(network, signs)
+    for index, line in stop_lines(network, signs).items():
+        if network.lanes[index].edge not in across:
+            yield from _end_marks(network.lanes[index], line)
     regulated |= {
         node for edge in across for node in (network.edges[edge].source, network.edges[edge].target)
     }
