@@ -293,7 +293,14 @@ def check_data() -> Iterator[Diagnosis]:
 def check_edition() -> Iterator[Diagnosis]:
     """Are rules, scenes, code and versions those that were released, and are the certificates those of the rows?"""
     from tsbench.run.contract import SCORING
-    from tsbench.run.edition import LOCAL, contract_now, earlier_splits, edition_here, standing_contract
+    from tsbench.run.edition import (
+        LOCAL,
+        contract_now,
+        earlier_splits,
+        edition_here,
+        editions,
+        standing_contract,
+    )
     from tsbench.scenarios.certificates import bases, certificates_path, read_certificates
     from tsbench.scenarios.table import read_table, splits_there, table_path
 
@@ -306,6 +313,11 @@ def check_edition() -> Iterator[Diagnosis]:
         contract = standing_contract(contract_now(split))
         name = edition_here(contract)
         text = f"{name}, contract of the {split} split {contract}"
+        for edition in editions():
+            if (edition.name, split) == (name.removesuffix(LOCAL), "test") and edition.kept(
+                split
+            ) != contract:
+                text += f"; results (scoring {edition.scoring}) have {edition.kept(split)}"
         if name.endswith(LOCAL):
             yield Diagnosis(
                 Status.NOTE, "edition", f"{text}: rules, scenes, code or versions are not those released",
