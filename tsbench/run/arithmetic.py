@@ -47,13 +47,6 @@ def facts() -> Facts:
     }
 
 
-def difference(
-    old: Facts | None, new: Facts, planners: Sequence[str], device: str, torch: bool
-) -> str | None:
-    """The first of `differences`, or None."""
-    return next(iter(differences(old, new, planners, device, torch)), None)
-
-
 def differences(
     old: Facts | None, new: Facts, planners: Sequence[str], device: str, torch: bool = True
 ) -> tuple[str, ...]:

@@ -210,7 +210,8 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
         specs = [planner.spec for planner in planners]
         # In this process where they were described; an isolated one elsewhere.
         torch = "torch" in sys.modules or any("torch" in planner.unseen for planner in planners)
-        return arithmetic.difference(old.get("arithmetic"), new["arithmetic"], specs, device, torch)
+        found = arithmetic.differences(old.get("arithmetic"), new["arithmetic"], specs, device, torch)
+        return next(iter(found), None)
     return None
 
 
