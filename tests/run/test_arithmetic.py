@@ -141,10 +141,16 @@ def changed(part: str, name: str) -> arithmetic.Facts:
 )
 def test_who_may_go_on(part: str, name: str, ours: bool, theirs: bool) -> None:
     here, there = arithmetic.facts(), changed(part, name)
-    assert arithmetic.difference(there, here, THEIRS, "cpu") is not None or not theirs
-    assert (arithmetic.difference(there, here, OURS, "cpu") is not None) == ours
-    assert arithmetic.difference(there, here, OURS, "cuda") is not None
-    assert arithmetic.difference(here, here, THEIRS, "cuda") is None
+
+    def told(specs: list[str], device: str = "cpu", *, torch: bool) -> bool:
+        return bool(arithmetic.differences(there, here, specs, device, torch))
+
+    assert told(THEIRS, torch=True) == theirs
+    assert told(THEIRS, torch=False) == (theirs and name != "torch")
+    assert told(OURS, torch=True) == told(OURS, torch=False) == ours
+    assert told(OURS, "cuda", torch=False)
+    there = here
+    assert not told(THEIRS, "cuda", torch=True)
 
 
 def test_all_differences_are_told() -> None:
@@ -156,7 +162,6 @@ def test_all_differences_are_told() -> None:
         "the arithmetic of libm",
         "the arithmetic of blas",
     ]
-    assert arithmetic.difference(there, here, THEIRS, "cpu") == told[0]
     assert len(arithmetic.differences(there, here, OURS, "cpu")) == 2
     assert arithmetic.differences(here, here, THEIRS, "cuda") == ()
 
@@ -171,3 +176,19 @@ def test_a_run_says_with_what_it_was_made() -> None:
     assert told is not None
     assert told.startswith("the arithmetic of blas is another")
     assert difference({**new, "arithmetic": None}, new) == "the arithmetic is not recorded"
+
+
+@pytest.mark.parametrize(
+    ("unseen", "loaded", "minded"), [((), False, False), (("torch",), False, True), ((), True, True)]
+)
+def test_torch_is_minded_where_the_planner_imported_it(
+    unseen: tuple[str, ...], loaded: bool, minded: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delitem(sys.modules, "torch", raising=False)
+    if loaded:
+        monkeypatch.setitem(sys.modules, "torch", sys)
+    planner = PlannerInfo("Mine", "mine.py:Mine", False, True, (), None, None, unseen=unseen)
+    new = new_manifest("c", {}, {"device": "cpu"}, [planner])
+    old = {**new, "arithmetic": changed("versions", "torch")}
+    assert (difference(old, new) is not None) == minded
+    assert difference({**old, "status": "complete"}, new) is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 from itertools import islice
@@ -137,6 +138,16 @@ def test_the_doctor_names_the_edition_and_what_was_changed(monkeypatch: pytest.M
     assert [(f.status, f"{in_force().name}+local" in f.text) for f in changed] == [(Status.NOTE, True)] * len(
         FEW
     )
+
+
+def test_the_doctor_names_the_contract_of_the_tables(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(edition, "contract_now", found)
+    monkeypatch.setattr(table, "splits_there", lambda root=None: ("test",))
+    readme = Path(__file__).parents[2] / "README.md"
+    contracts = re.findall(r"^Contract `(\w+)`", readme.read_text(encoding="utf-8"), re.M)
+    assert contracts
+    finding = next(check_edition())
+    assert all(contract in finding.text for contract in [found("test"), *contracts])
 
 
 def test_the_doctor_says_which_scenes_are_of_an_earlier_edition(monkeypatch: pytest.MonkeyPatch) -> None:

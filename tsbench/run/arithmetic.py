@@ -22,9 +22,8 @@ from tsbench.planners.registry import comes_with_tsbench
 
 Facts = dict[str, Any]
 
-_PACKAGES = ("numpy", "scipy", "shapely", "opencv-python-headless", "torch")
-# Packages that only a foreign planner, or a GPU, brings into an episode.
-_THEIRS = ("torch",)
+_TORCH = "torch"
+_PACKAGES = ("numpy", "scipy", "shapely", "opencv-python-headless", _TORCH)
 # Variants of a function differ in one of a thousand results or so.
 _POINTS = 20_000
 _KERNEL_NAMES = ("scipy_openblas_get_corename64_", "openblas_get_corename64_", "openblas_get_corename")
@@ -48,15 +47,13 @@ def facts() -> Facts:
     }
 
 
-def difference(old: Facts | None, new: Facts, planners: Sequence[str], device: str) -> str | None:
-    """The first of `differences`, or None."""
-    return next(iter(differences(old, new, planners, device)), None)
-
-
-def differences(old: Facts | None, new: Facts, planners: Sequence[str], device: str) -> tuple[str, ...]:
+def differences(
+    old: Facts | None, new: Facts, planners: Sequence[str], device: str, torch: bool = True
+) -> tuple[str, ...]:
     """In what two arithmetics differ that can change an episode, each as "WHAT is A, not B".
 
     planners: their specs. tsbench's own depend on the CPU by libm alone; of others, and of a GPU, nothing is known.
+    torch: may others have imported it?
     """
     if old is None:
         return ("the arithmetic is not recorded",)
@@ -64,7 +61,7 @@ def differences(old: Facts | None, new: Facts, planners: Sequence[str], device: 
     found = []
     for name, was in old["versions"].items():
         now = new["versions"].get(name)
-        if was != now and not (known and name in _THEIRS):
+        if was != now and (name != _TORCH or (torch and not known) or device != "cpu"):
             found.append(f"{name} is {was}, not {now}")
     for name, was in old["answers"].items():
         if was != new["answers"][name] and (name == "libm" or not known):

@@ -292,21 +292,26 @@ def check_data() -> Iterator[Diagnosis]:
 
 def check_edition() -> Iterator[Diagnosis]:
     """Are rules, scenes, code and versions those that were released, and are the certificates those of the rows?"""
+    from tsbench.run import edition
     from tsbench.run.contract import SCORING
-    from tsbench.run.edition import LOCAL, contract_now, earlier_splits, edition_here, standing_contract
     from tsbench.scenarios.certificates import bases, certificates_path, read_certificates
     from tsbench.scenarios.table import read_table, splits_there, table_path
 
-    earlier = earlier_splits()
+    earlier = edition.earlier_splits()
     for split in splits_there():
         if split in earlier:
             text = f"the scenes of the {split} split are of {earlier[split]}"
             yield Diagnosis(Status.NOTE, "edition", text, "tsbench scenarios build makes those of today")
             continue
-        contract = standing_contract(contract_now(split))
-        name = edition_here(contract)
+        contract = edition.standing_contract(edition.contract_now(split))
+        name = edition.edition_here(contract)
         text = f"{name}, contract of the {split} split {contract}"
-        if name.endswith(LOCAL):
+        known = next(
+            (one for one in edition.editions() if name in (one.name, one.name + edition.LOCAL)), None
+        )
+        if known and split == "test" and known.kept(split) != contract:
+            text += f"; results (scoring {known.scoring}) have {known.kept(split)}"
+        if name.endswith(edition.LOCAL):
             yield Diagnosis(
                 Status.NOTE,
                 "edition",
@@ -322,9 +327,9 @@ def check_edition() -> Iterator[Diagnosis]:
     there = [split for split in splits_there() if split not in earlier]
     rows = [row for split in there for row in read_table(table_path(split))]
     certificates = {c.scenario_id: c for c in read_certificates(path)}
-    known = {name: certificate.basis for name, certificate in certificates.items()}
-    void = [name for name, basis in bases(rows).items() if known.get(name) != basis]
-    judged = sorted({certificates[row.scenario_id].scoring for row in rows if row.scenario_id in known})
+    proven = {name: certificate.basis for name, certificate in certificates.items()}
+    void = [name for name, basis in bases(rows).items() if proven.get(name) != basis]
+    judged = sorted({certificates[row.scenario_id].scoring for row in rows if row.scenario_id in proven})
     if void:
         text = f"{path}: {len(void)} rows without a certificate of what they are, first {void[0]}"
         yield Diagnosis(Status.FAILED, "edition", text, "tsbench scenarios certify drives them again")

@@ -162,6 +162,7 @@ def test_tags_of_single_lanes_are_counted(workplace: Path, tmp_path: Path) -> No
     by_lane = {
         "access:lanes": "yes|no", "vehicle:lanes": "yes|no", "motor_vehicle:lanes": "yes|no",
         "bus:lanes": "|designated", "maxspeed:lanes": "50|30", "vehicle:lanes:forward": "yes|no",
+        "lanes:psv": "1", "lanes:bus:forward": "1", "hov:lanes": "|designated",
     }  # fmt: skip
     told = {key: value for key, value in by_lane.items() if key != "bus:lanes"}
     plain = {"oneway": "yes", "lanes": "2"}

@@ -20,7 +20,8 @@ BOTH_WAYS = "lanes:both_ways"
 _NO_LIMIT, _FAST = ("none", "no", "DE:motorway"), ("motorway", "trunk")
 # Tags of single lanes that nothing here reads: all lanes are open to cars, at the road's limit.
 _BY_LANE = re.compile(
-    r"(access|vehicle|motor_vehicle|motorcar|bus|psv|taxi|hgv|bicycle|maxspeed):lanes(:forward|:backward|:both_ways)?"
+    r"((access|vehicle|motor_vehicle|motorcar|bus|psv|taxi|hov|hgv|bicycle|maxspeed):lanes|lanes:(bus|psv|taxi|hov))"
+    r"(:forward|:backward|:both_ways)?"
 )
 # By tag that netconvert takes a number from: least, most, unit.
 BOUNDS = {

@@ -7,6 +7,7 @@ import json
 import os
 import platform
 import subprocess
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
@@ -205,8 +206,12 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
     # Nothing is driven beside complete rows.
     if "arithmetic" in new and old.get("status") != "complete":
         device = str(new["effective"].get("device", "cpu"))
-        specs = [planner.spec for planner in planners_of(new)]
-        return arithmetic.difference(old.get("arithmetic"), new["arithmetic"], specs, device)
+        planners = planners_of(new)
+        specs = [planner.spec for planner in planners]
+        # In this process where they were described; an isolated one elsewhere.
+        torch = "torch" in sys.modules or any("torch" in planner.unseen for planner in planners)
+        found = arithmetic.differences(old.get("arithmetic"), new["arithmetic"], specs, device, torch)
+        return next(iter(found), None)
     return None
 
 
