@@ -211,11 +211,11 @@ class Brushes:
 
     def _nearest_mouth(self, seen: Observation) -> tuple[float, float] | None:
         """Where an exit begins that the way leaves aside: its place along the way and beside it."""
-        first, second = seen.route.path.edges[:2]
+        way = seen.route.path.edges
         exits = [
             edge
             for edge in self._map.edges.values()
-            if edge.source == self._map.edges[first].target and edge.id != second and not edge.internal
+            if edge.source == self._map.edges[way[0]].target and edge.id not in way and not edge.internal
         ]
         points = [self._map.lanes[i].line.point_at(self.inside_m) for e in exits for i in e.lanes]
         places = [seen.route.path.line.project(*point) for point in points]

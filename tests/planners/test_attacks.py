@@ -15,7 +15,8 @@ from tsbench.sim.junction_traffic import JunctionTraffic
 ROOT = Path(tsbench.__file__).parent.parent
 WATCHERS = ("Stands", "Creeps", "Dips")
 WHERE = dict.fromkeys(
-    ("Remembers", *WATCHERS, "Follows", "Between", "Rushes", "Hastens"), "attacks"
+    ("Remembers", *WATCHERS, "Follows", "Between", "Rushes", "Hastens", "Presses", "Brushes", "Weaves"),
+    "attacks",
 ) | dict.fromkeys(("Peeks", "Lowest"), "peeks")
 TYPES = ("main_road", "yield", "speed_limit")
 
