@@ -55,6 +55,12 @@ def data_file(name: str) -> Path:
     return next((place for place in places if place.exists()), places[-1])
 
 
+@cache
+def resolved(path: Path) -> Path:
+    """The real path, asked of the file system once: what is read from data is looked for again and again."""
+    return path.resolve()
+
+
 def city_in_use() -> str:
     """The name of the city whose data set is used. Raises InputError for what cannot be one."""
     return _checked(os.environ.get(CITY) or OWN_CITY)

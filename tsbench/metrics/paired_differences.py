@@ -166,10 +166,9 @@ def _mcnemar_p(won: int, lost: int) -> float:
 
 
 def holm(p: list[float]) -> list[float]:
-    """The k-th least of m times m + 1 - k, never less than one before it, and at most 1."""
-    order = np.argsort(p)
-    adjusted = np.maximum.accumulate(np.take(p, order) * np.arange(len(p), 0, -1))
-    return [float(x) for x in np.minimum(adjusted, 1.0)[np.argsort(order)]]
+    from statsmodels.stats.multitest import multipletests
+
+    return [float(x) for x in multipletests(p, alpha=ALPHA, method="holm")[1]] if p else []
 
 
 def detectable(n: int, won: int, lost: int, alpha: float) -> float | None:

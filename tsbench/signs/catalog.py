@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import data_file, left_hand_in_use
+from tsbench.core.paths import data_file, left_hand_in_use, resolved
 from tsbench.signs.model import END_PLACES, Clause, RuleSpec, ScenarioType, Sign, Slot
 from tsbench.signs.parsing import parse_rule, parse_sign
 from tsbench.signs.rule_kinds import NEEDLESS, OF_NO_PLATE, RULE_KINDS, WRONG_WAY
@@ -120,13 +120,8 @@ def load_catalog(root: Path | None = None) -> Catalog:
     root: its folder; by default `sign_catalog/` of the data. Where the data set in use keeps to the left, signs have
     the rules of their mirror images (`mirrored_signs`). Raises InputError, one line: file, key, what is wrong.
     """
-    found = _resolved(data_file("sign_catalog") if root is None else root)
+    found = resolved(data_file("sign_catalog") if root is None else root)
     return _left_hand(found) if left_hand_in_use() else _load(found)
-
-
-@cache
-def _resolved(root: Path) -> Path:
-    return root.resolve()
 
 
 @cache

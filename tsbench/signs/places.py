@@ -10,7 +10,7 @@ from typing import Annotated, Literal, get_args
 
 from msgspec import Meta
 
-from tsbench.core.paths import data_file
+from tsbench.core.paths import data_file, resolved
 from tsbench.core.typed import read_sheet
 from tsbench.signs.catalog import load_catalog
 
@@ -63,7 +63,7 @@ class PlaceTable:
 
 def load_places(root: Path | None = None) -> PlaceTable:
     """Read and check the table. root: the catalogue's folder; by default the data's. Raises InputError, one line."""
-    return _read((data_file("sign_catalog") if root is None else root).resolve())
+    return _read(resolved(data_file("sign_catalog") if root is None else root))
 
 
 @cache

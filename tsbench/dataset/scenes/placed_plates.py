@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -13,8 +13,10 @@ from tsbench.signs.annotations import TARGET, SignInstance
 from tsbench.signs.catalog import Sign, load_catalog
 from tsbench.signs.places import PlaceTable
 from tsbench.sim.scene import Obstacle
+from tsbench.sim.scene_file import EGO_ID
 
 CLOSING = ("3.1", "3.2")
+ONE_WAY = ("5.7.1", "5.7.2")
 
 
 @dataclass(frozen=True)
@@ -43,16 +45,13 @@ class PlacedPlates:
         That road has lanes both ways in both halves: its plates alone say its direction.
         """
         found: dict[str, str] = {}
-        for plates in self.at_line.values():
-            for here in plates:
-                if here.plate.role == TARGET and here.sign.rule.name == "one_way_exit":
-                    for edge in here.across[1]:
-                        s = self.roads.length(edge)
-                        road = (
-                            *self.roads.approach(edge=edge, s=s).edges,
-                            *self.roads.back(edge=edge, s=0.0).edges,
-                        )
-                        found.update(dict.fromkeys(road, here.plate.code))
+        roads, plates = self.roads, (here for plates in self.at_line.values() for here in plates)
+        for here in plates:
+            if here.plate.role == TARGET and here.plate.code in ONE_WAY:
+                for edge in here.across[1]:
+                    ahead = roads.approach(edge=edge, s=roads.length(edge))
+                    road = (*ahead.edges, *roads.back(edge=edge, s=0.0).edges)
+                    found.update(dict.fromkeys(road, here.plate.code))
         return found
 
 
@@ -98,6 +97,11 @@ class PlateHere:
         """Does this plate permit the turn from its approach onto an edge?"""
         turns = self.sign.rule.options.get("allowed")
         return turns is None or self.scene.roads.graph.turn(approach, edge) in turns
+
+    @property
+    def bound(self) -> Iterator[RoutedVehicle]:
+        """Vehicles that must not be where the plate forbids it: all, but for the ego where the plate is the target."""
+        return (v for v in self.scene.vehicles if v.id != EGO_ID or self.plate.role != TARGET)
 
     def at_target(self, codes: Sequence[str]) -> bool:
         """Does the plate stand before the junction of a target with one of these codes?"""

@@ -7,20 +7,18 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from tsbench.dataset.scenes.lint import PLATE_SIDE_M
-from tsbench.dataset.scenes.placed_plates import PlacedPlates, PlateHere
+from tsbench.dataset.scenes.placed_plates import ONE_WAY, PlacedPlates, PlateHere
 from tsbench.geometry.angles import STRAIGHT, TURNS, U_TURN
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.reserved_lanes import is_reserved
 from tsbench.signs.annotations import TARGET, SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.places import Place
-from tsbench.sim.scene_file import EGO_ID
 
 # Of the plates of both directions at one place: cosine of the least angle between them, and the widest road.
 _AGAINST, _ACROSS_M = -0.8, 60.0
 _FORBIDS_TURNS, _ORDERS_TURNS = "3.18.", "4.1."
 _NEVER_TOGETHER = ({"min_speed", "reserved_lane"}, {"manoeuvre", "one_way_exit", "roundabout"})
-_ONE_WAY = ("5.7.1", "5.7.2")
 _MINOR, _MAJOR = ("2.4", "2.5"), ("2.1", "2.3.1", "2.3.2", "2.3.3")
 
 
@@ -133,7 +131,7 @@ def _one_way_across(here: PlateHere) -> str:
     if not here.ahead.junction:
         return ""
     onto, against = here.across
-    if onto and here.at_target(_ONE_WAY):
+    if onto and here.at_target(ONE_WAY):
         # That road has lanes both ways in both halves, and no vehicle uses it.
         used = [v.id for v in here.scene.vehicles if not against.isdisjoint(v.edges)]
         return f"{used[0]} drives against it on the crossing road" if used else ""
@@ -196,8 +194,7 @@ def _mouth(here: PlateHere) -> str:
 
 def _unentered(here: PlateHere) -> str:
     plate = here.plate
-    others = (v for v in here.scene.vehicles if v.id != EGO_ID or plate.role != TARGET)
-    past = [v.id for v in others if v.passes(edge=plate.edge, s=plate.position_m)]
+    past = [v.id for v in here.bound if v.passes(edge=plate.edge, s=plate.position_m)]
     if past:
         return f"{past[0]} drives past it"
     behind = [p.code for p in here.scene.plates if plate.role != TARGET and here.is_before(p)]
@@ -209,10 +206,8 @@ def _unused(here: PlateHere) -> str:
     ahead = roads.approach(edge=plate.edge, s=plate.position_m).edges
     road = {*ahead, *roads.back(edge=plate.edge, s=plate.position_m).edges}
     road |= roads.other_direction(road)
-    for vehicle in here.scene.vehicles:
-        if (vehicle.id != EGO_ID or plate.role != TARGET) and not road.isdisjoint(vehicle.edges):
-            return f"{vehicle.id} drives on its road"
-    return ""
+    used = [v.id for v in here.bound if not road.isdisjoint(v.edges)]
+    return f"{used[0]} drives on its road" if used else ""
 
 
 def _entered(here: PlateHere) -> str:
@@ -319,7 +314,7 @@ def _own_direction(here: PlateHere) -> str:
     if plate.code == "3.1" and roads.one_way(plate.edge):
         return "closes a one-way road in its only direction"
     for target in here.scene.plates:
-        if target.role == TARGET and load_catalog().sign(target.code).rule.name == "one_way_exit":
+        if target.role == TARGET and target.code in ONE_WAY:
             ahead = roads.approach(edge=target.edge, s=target.position_m)
             across = roads.across(ahead.edges[-1]) if ahead.junction else {}
             if any(plate.edge in out | into for out, into in across.values()):
