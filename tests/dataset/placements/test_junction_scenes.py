@@ -400,6 +400,14 @@ def test_a_convoy_has_room_to_come_up(networks: dict[Key, RoadNetwork]) -> None:
         placement_of(roomy).place(replace(task, recipe=roomy))
 
 
+def test_a_convoy_whose_line_is_far_from_the_egos_way_is_none(networks: dict[Key, RoadNetwork]) -> None:
+    key = ("yield", "X")
+    task = task_of(networks[key], key, 0)
+    near = replace(task.recipe, numbers={**task.recipe.numbers, "convoy_most_to_zone_m": 1.0})
+    with pytest.raises(UnfitMapError, match="no path of the ego meets, near its line"):
+        placement_of(near).place(replace(task, recipe=near))
+
+
 def test_a_convoy_that_would_be_at_its_line_too_soon_is_none(networks: dict[Key, RoadNetwork]) -> None:
     key = ("yield", "X")
     task = task_of(networks[key], key, 0)

@@ -82,10 +82,13 @@ def line_lead(task: SceneTask, chosen: Conflict, speed: float) -> float:
     return chosen.zone.b_in / speed - chosen.zone.a_in / turn + task.recipe.number("convoy_shows_s")
 
 
-def conflicts(network: RoadNetwork, graph: LaneGraph, arms: Arms, slowest_turn: float) -> list[Conflict]:
+def conflicts(
+    network: RoadNetwork, graph: LaneGraph, arms: Arms, *, slowest_turn: float, most_to_zone: float
+) -> list[Conflict]:
     """Pairs of an ego path that SUMO makes wait and one with priority that it does not, whose strips overlap.
 
-    slowest_turn: the ego's path can be driven at this speed (m/s) at least.
+    slowest_turn: the ego's path can be driven at this speed (m/s) at least. most_to_zone: the overlap begins at most so
+    far (m) behind the other's line.
     """
     own = _links(network, graph, arms.ego_in)
     egos = [c for c in own if c.state in "ms" and turn_speed(network, c) >= slowest_turn]
@@ -95,7 +98,7 @@ def conflicts(network: RoadNetwork, graph: LaneGraph, arms: Arms, slowest_turn: 
     for ego in egos:
         for priority in with_priority:
             zone = meeting(network, ego, priority)
-            if zone is None:
+            if zone is None or zone.b_in > most_to_zone:
                 continue
             lanes = network.lanes
             key = (lanes[ego.to_lane].edge, lanes[priority.from_lane].edge, lanes[priority.to_lane].edge)

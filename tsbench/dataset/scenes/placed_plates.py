@@ -15,7 +15,8 @@ from tsbench.signs.places import PlaceTable
 from tsbench.sim.scene import Obstacle
 from tsbench.sim.scene_file import EGO_ID
 
-CLOSING = ("3.1", "3.2")
+CLOSED = "3.2"
+CLOSING = ("3.1", CLOSED)
 ONE_WAY = ("5.7.1", "5.7.2")
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from tsbench.dataset.scenes.lint import PLATE_SIDE_M
-from tsbench.dataset.scenes.placed_plates import ONE_WAY, PlacedPlates, PlateHere
+from tsbench.dataset.scenes.placed_plates import CLOSED, ONE_WAY, PlacedPlates, PlateHere
 from tsbench.geometry.angles import STRAIGHT, TURNS, U_TURN
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.reserved_lanes import is_reserved
@@ -94,9 +94,13 @@ def _shown(here: PlateHere) -> str:
 
 def _open_road(here: PlateHere) -> str:
     plate, roads = here.plate, here.scene.roads
-    for edge in roads.back(edge=plate.edge, s=plate.position_m).edges:
+    road = roads.back(edge=plate.edge, s=plate.position_m).edges
+    for edge in road:
         if code := here.closing(edge):
             return f"{code} closes its road"
+    other = roads.other_direction({*road, *here.ahead.edges})
+    if any(p.code == CLOSED and p.edge in other for p in here.scene.plates):
+        return f"{CLOSED} closes its road in both directions"
     allowed = here.sign.rule.options.get("allowed")
     if allowed is None or not here.ahead.junction:
         return ""
