@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 from lxml import etree
@@ -132,9 +133,27 @@ def test_the_convoy_hurries_where_the_ego_could_be_through_before_it(
     sim: Simulation, on_cross: SceneMaker
 ) -> None:
     """As long as plates are not shown."""
-    places = [led(Stage(sim, scene(on_cross, "rushes")), speed, 2.4) for speed in (4.0, 6.0, 22.0)]
-    assert places[0] == places[1]
-    assert places[2][-1] > places[1][-1] + 1.0
+    calm, rushing = (led(Stage(sim, scene(on_cross, "rushes")), speed, 2.4) for speed in (10.0, 22.0))
+    assert rushing[-1] > calm[-1] + 1.0
+
+
+@pytest.mark.parametrize("speed", [3.0, 4.0, 5.0])
+def test_a_slow_ego_meets_a_convoy_that_still_comes(
+    sim: Simulation, on_cross: SceneMaker, speed: float
+) -> None:
+    """It does not stand at its line when the ego decides, and brakes no harder than for its hold."""
+    made = scene(on_cross, "slow")
+    assert made.convoy is not None
+    plan = replace(made.convoy, lead_time_s=9.0, ego_zone_m=4.0, ego_cruise_mps=11.1, after_s=2.5)
+    made = replace(made, convoy=plan)
+    stage, lead = Stage(sim, made), []
+    to_line = 30.0
+    while to_line + 4.0 > speed**2 / 12.0 + speed * DT_S:
+        stage.stand(to_line, DT_S, speed)
+        lead.append(sim.speeds("convoy_0")[0])
+        to_line -= speed * DT_S
+    assert lead[-1] > 3.0
+    assert max(a - b for a, b in pairwise(lead)) < 2.5 * DT_S
 
 
 def test_the_convoy_sets_off_where_it_could_otherwise_not_be_there(

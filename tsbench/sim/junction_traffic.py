@@ -3,7 +3,8 @@
 The behaviour of others shows the right of way. So until the ego waits at its line, or could no longer stop before it
 meets the convoy, however late that is, SUMO's right of way moves no vehicle: the convoy comes as the release says and
 stops before its own line, vehicles on other arms wait on, and new vehicles enter the scene later. An ego that could
-be through before the convoy comes, if it did its utmost from now, meets it all the same: the convoy hurries.
+be through before the convoy comes, if it did its utmost from now, meets it all the same: the convoy hurries. For an ego
+that slows down the convoy slows down, so as not to stand at its line when the ego decides.
 Source: docs/scenes.md, "Priority at junctions". Units: m, s.
 """
 
@@ -11,7 +12,17 @@ from __future__ import annotations
 
 from tsbench.signs.contrast import PassageParams
 from tsbench.signs.plate_params import GiveWayParams, RoundaboutParams
-from tsbench.sim.convoy import REACHED_AFTER_S, Approach, ConvoyRelease, Showing, earliest_arrival
+from tsbench.sim.convoy import (
+    KEEPS_BACK_S,
+    NEAR_M,
+    REACHED_AFTER_S,
+    WAITS_MPS,
+    Approach,
+    ConvoyRelease,
+    Showing,
+    earliest_arrival,
+    predicted_arrival,
+)
 from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_SPEED_MPS
 from tsbench.sim.scene import ConvoyPlan, Scene
 from tsbench.sim.scene_file import WAITING_ID, LateEntry, late_entries
@@ -20,8 +31,11 @@ from tsbench.sim.world import DT_S, EgoState
 
 # The first of a convoy stands so far before its own line at the latest, and brakes no harder than this for it: less
 # than what the rule of giving way takes for forced (sign_catalog/rules/give_way.yaml).
-HOLD_BEFORE_LINE_M = 3.0
-HOLD_BRAKE_MPS2 = 2.0
+HOLD_BEFORE_LINE_M = 1.5
+HOLD_BRAKE_MPS2 = 2.3
+# It comes up to there at least so fast, and keeps its speed where it has no more than this in hand.
+LEAST_MPS = 2.0
+EVEN_S = 0.3
 
 
 def exchangeable(scene: Scene) -> bool:
@@ -87,7 +101,8 @@ class JunctionTraffic:
         if self._showing.may(to_line, ego.speed):
             self._speak()
         elif self._plan is not None and not self._waits:
-            late = self._late_for(self._plan, to_line, ego.speed)
+            spare = self._spare(self._plan, to_line, ego.speed)
+            late = spare < 0.0
             there = self._there()
             self._paces |= {name: self._sim.pace(name) for name in there if name not in self._paces}
             if late or self._hurries:
@@ -96,19 +111,23 @@ class JunctionTraffic:
                     own = max(speed, self._sim.speed(vehicle)), accel
                     self._sim.set_pace(vehicle, *((MAX_SPEED_MPS, MAX_ACCEL_MPS2) if late else own))
             self._hurries = late
-            if self._convoy[0] in there:
-                self._sim.stop_before_end(self._convoy[0], HOLD_BEFORE_LINE_M, HOLD_BRAKE_MPS2)
+            lead = self._convoy[0]
+            if lead in there:
+                top = MAX_SPEED_MPS if late else self._kept_back(self._plan, to_line, ego.speed)
+                if spare < EVEN_S:
+                    top = max(top, self._sim.speed(lead))
+                self._sim.stop_before_end(lead, HOLD_BEFORE_LINE_M, HOLD_BRAKE_MPS2, top)
 
     def _is_time(self, to_line: float, speed: float) -> bool:
         """Is the convoy released at this tick?"""
         if self._release is None or self._plan is None or not self._waits:
             return False
         return self._release.update_at(to_line, speed) or (
-            self._silent and self._late_for(self._plan, to_line, speed)
+            self._silent and self._spare(self._plan, to_line, speed) < 0.0
         )
 
-    def _late_for(self, plan: ConvoyPlan, to_line: float, speed: float) -> bool:
-        """Is the convoy too late for the ego, if both do their utmost, unless it hurries from this tick on?"""
+    def _spare(self, plan: ConvoyPlan, to_line: float, speed: float) -> float:
+        """Seconds that the convoy has in hand, if it and the ego do their utmost; below 0 it has to hurry now."""
         lead = self._convoy[0]
         if self._sim.is_there(lead):
             own_way, own_speed = self._sim.to_lane_end(lead), self._sim.speed(lead)
@@ -117,7 +136,18 @@ class JunctionTraffic:
             own_way, own_speed = self._sim.entry(first.vtype, first.edges[0], first.lane)
         own = earliest_arrival(own_way, own_speed, MAX_ACCEL_MPS2, MAX_SPEED_MPS)
         ego = earliest_arrival(to_line + plan.ego_zone_m, speed, MAX_ACCEL_MPS2, MAX_SPEED_MPS)
-        return own + DT_S > ego + min(plan.after_s, REACHED_AFTER_S)
+        return ego + min(plan.after_s, REACHED_AFTER_S) - own - DT_S
+
+    def _kept_back(self, plan: ConvoyPlan, to_line: float, speed: float) -> float:
+        """Speed (m/s) at which the convoy is at its own line when it should be, as the ego drives now.
+
+        Of an ego that is slow near its line it is not expected that it speeds up.
+        """
+        way = to_line + plan.ego_zone_m
+        eta = predicted_arrival(to_line, way, speed, plan.ego_cruise_mps, plan.ego_turn_mps)
+        if to_line < NEAR_M:
+            eta = max(eta, way / max(speed, WAITS_MPS))
+        return max(self._sim.to_lane_end(self._convoy[0]) / (eta + KEEPS_BACK_S), LEAST_MPS)
 
     def _speak(self) -> None:
         """From now on all traffic does what the plates say; vehicles that would have entered by now enter."""

@@ -237,14 +237,19 @@ class Simulation:
         v.setSpeedFactor(vehicle, max(1.0, speed / libsumo.lane.getMaxSpeed(v.getLaneID(vehicle))))
         v.setAccel(vehicle, accel)
 
-    def stop_before_end(self, vehicle: str, before_m: float, brake_mps2: float) -> None:
-        """Slow a vehicle where it must, so that its front stops `before_m` before its lane's end. Each step anew."""
+    def stop_before_end(self, vehicle: str, before_m: float, brake_mps2: float, top_mps: float) -> None:
+        """Slow a vehicle where it must, so that its front stops `before_m` before its lane's end. Each step anew.
+
+        top_mps: down to that speed in any case.
+        """
         v = libsumo.vehicle
         room = self.to_lane_end(vehicle) - before_m
         # The speed after this step with which it still stops in time, at a constant deceleration.
         step = brake_mps2 * DT_S
+        speed = v.getSpeed(vehicle)
         most = math.sqrt(step * step / 4.0 + 2.0 * brake_mps2 * max(room, 0.0)) - step / 2.0
-        v.setSpeed(vehicle, most if v.getSpeed(vehicle) + _SPEED_UP_MPS > most else -1.0)
+        most = min(most, max(top_mps, speed - step))
+        v.setSpeed(vehicle, most if speed + _SPEED_UP_MPS > most else -1.0)
 
     def is_there(self, vehicle: str) -> bool:
         """Is the vehicle on the road?"""

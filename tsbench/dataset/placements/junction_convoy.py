@@ -22,7 +22,7 @@ from tsbench.geometry.polyline import Polyline, bend_speed
 from tsbench.roads.junction_paths import junction_path
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import Connection, RoadNetwork
-from tsbench.sim.convoy import predicted_arrival
+from tsbench.sim.convoy import KEEPS_BACK_S, predicted_arrival
 from tsbench.sim.junction_traffic import HOLD_BEFORE_LINE_M, HOLD_BRAKE_MPS2
 from tsbench.sim.world import EGO_WIDTH_M
 
@@ -76,10 +76,12 @@ def convoy_speed(task: SceneTask, chosen: Conflict, share: float) -> float:
 def line_lead(task: SceneTask, chosen: Conflict, speed: float) -> float:
     """So much later (s) than the ego a car of this speed has to reach the zone, at least, not to be at its line before.
 
-    At its line it shows whether it gives way: who watches it must be at the own one by then.
+    At its line it shows whether it gives way: an ego that watches it must be at its own by then, and is in the zone so
+    much earlier that the convoy need not slow down for it.
     """
     turn, _ = ego_speeds(task, chosen.ego)
-    return chosen.zone.b_in / speed - chosen.zone.a_in / turn + task.recipe.number("convoy_shows_s")
+    shown = task.recipe.number("convoy_shows_s") - chosen.zone.a_in / turn
+    return chosen.zone.b_in / speed + max(shown, KEEPS_BACK_S)
 
 
 def conflicts(
