@@ -66,8 +66,7 @@ def test_the_lawless_driver_is_caught(type_id: str, drive) -> None:
 def test_a_parked_car_never_arrives(type_id: str, drive) -> None:
     result = drive(f"{__file__}:parked", ROWS[type_id][1])
     assert result.error == ""
-    if type_id == STANDING_IS_RIGHT:
-        assert result.outcome in (Outcome.ARRIVED, Outcome.TIMEOUT)
-    else:
-        # Somebody may run into it, or it leaves the road where that bends; it reaches nothing.
-        assert result.outcome in (Outcome.TIMEOUT, Outcome.COLLISION, Outcome.OFF_ROAD)
+    # Somebody may run into it, or it leaves the road where that bends; it reaches nothing.
+    elsewhere = (Outcome.TIMEOUT, Outcome.COLLISION, Outcome.OFF_ROAD)
+    standing = (Outcome.ARRIVED, Outcome.TIMEOUT)
+    assert result.outcome in (standing if type_id == STANDING_IS_RIGHT else elsewhere)
