@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -156,7 +157,7 @@ def test_an_extract_in_the_next_zone_says_which_to_write(
     clone: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     described(clone, "beyond", make_town().xml(UtmFrame(33), NORTH).encode())
-    told = call(capsys, "city", "build", "beyond", "--osm", str(clone / "osm"), code=2)
+    told = call(capsys, "city", "build", "beyond", "--osm", str(clone / "osm"), "--workers", "1", code=2)
     assert "beyond is in UTM zone 33, beyond in UTM zone 32" in told
     assert "write `zone: 33` into cities/beyond.yaml" in told
 
@@ -215,9 +216,10 @@ def test_what_cannot_be_is_one_line(
 
 
 def test_an_extract_of_another_zone_is_no_part_of_a_city(
-    clone: Path, capsys: pytest.CaptureFixture[str]
+    clone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    told = call(capsys, "city", "build", "elsewhere", "--osm", str(clone / "osm"), "--workers", "1", code=2)
+    shutil.copy(clone / "osm" / "nowhere.osm", tmp_path)
+    told = call(capsys, "city", "build", "elsewhere", "--osm", str(tmp_path), "--workers", "1", code=2)
     assert "nowhere is in UTM zone 32, elsewhere in UTM zone 33: one pool is of one city" in told
-    told = call(capsys, "maps", "harvest", "--osm", str(clone / "osm"), "--workers", "1", code=2)
+    told = call(capsys, "maps", "harvest", "--osm", str(tmp_path), "--workers", "1", code=2)
     assert "nowhere is in UTM zone 32, moscow in UTM zone 37" in told

@@ -44,20 +44,6 @@ def called(*arguments: str) -> int:
     return code
 
 
-def test_a_run_from_the_file_alone(here: Path) -> None:
-    (here / "tsbench.toml").write_text(FILE)
-    assert called("run") == 0
-    asked = told(here / "from-file")
-    assert (asked["planners"], asked["split"], asked["types"]) == (["idm"], "dev", ["yield", "speed_limit"])
-
-
-def test_the_command_line_goes_before(here: Path) -> None:
-    (here / "tsbench.toml").write_text(FILE)
-    assert called("run", "--types", "stop", "--out", "mine") == 0
-    assert told(here / "mine")["types"] == ["stop"]
-    assert not (here / "from-file").exists()
-
-
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
@@ -86,6 +72,8 @@ def test_what_is_taken_from_the_file_is_said(here: Path, capsys: pytest.CaptureF
     (here / "tsbench.toml").write_text(FILE)
     # What the command line gives is not the file's.
     assert called("run", "--types", "stop", "--out", "mine") == 0
+    assert told(here / "mine")["types"] == ["stop"]
+    assert not (here / "from-file").exists()
     assert capsys.readouterr().err.splitlines()[0] == "tsbench.toml: planner, split, limit, variants, workers"
     tsbench.evaluate(types="stop", out="mine")
     assert capsys.readouterr().err.splitlines()[0] == "tsbench.toml: planner, split, variants, limit, workers"
@@ -188,6 +176,10 @@ def test_what_is_wrong_in_a_groups_section_is_one_line(
 
 def test_python_takes_what_the_command_takes(here: Path) -> None:
     (here / "tsbench.toml").write_text(FILE)
+    assert called("run") == 0
+    asked = told(here / "from-file")
+    assert (asked["planners"], asked["split"], asked["types"]) == (["idm"], "dev", ["yield", "speed_limit"])
+    # Python shows the same complete run.
     run = tsbench.evaluate()
     assert run.path == Path("from-file")
     assert (run.planners, run.status, run.options["types"]) == (
@@ -195,8 +187,6 @@ def test_python_takes_what_the_command_takes(here: Path) -> None:
         "complete",
         ["yield", "speed_limit"],
     )
-    # The command shows the same complete run.
-    assert called("run") == 0
     # Arguments go before.
     other = tsbench.evaluate("idm-e", types="stop", limit=1, out="mine")
     assert (other.planners, other.options["types"], other.options["split"]) == (("idm-e",), ["stop"], "dev")

@@ -110,7 +110,7 @@ READERS = {
     "render": ["render", "run", "yield-m0-v0"],
     "export": ["export", "run", "yield-m0-v0", "--format", "commonroad"],
     "oracle": ["oracle", "select", "run"],
-    "continue": ["run", "--planner", "idm", "--split", "test", "--limit", "1", "--out", "run"],
+    "continue": ["run", "--planner", "idm", "--split", "dev", "--limit", "1", "--out", "run"],
 }
 
 

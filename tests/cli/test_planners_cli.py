@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -139,8 +140,7 @@ def test_scenes_are_of_every_type_quiet_and_busy() -> None:
         ("Sticky", "determinism", "reset leaves something behind"),
         ("Nothing", "output", "NoneType"),
         ("Leaky", "printing", "xxxx"),
-        ("Raises", "output", "ZeroDivisionError: division by zero ("),
-        ("Raises", "output", "bad.py, line 31, in act); the first is "),
+        ("Raises", "output", r"DivisionError: division by zero \(.*bad.py, line 31, in act\); the first "),
         ("Killer", "process", "exit code 7"),
         ("Sleeper", "time", "gave no answer"),
     ],
@@ -150,7 +150,7 @@ def test_driving_finds_what_is_wrong(bad: Path, name: str, topic: str, words: st
     # Only who sleeps for ever is given up.
     wait_limit_s = 5.0 if name == "Sleeper" else HANG_S
     found = check_driving(f"{bad}:{name}", scenes, wait_limit_s=wait_limit_s)
-    assert words in " ".join(f.text for f in found if f.topic == topic), found
+    assert re.search(words, " ".join(f.text for f in found if f.topic == topic)), found
 
 
 def test_static_findings(bad: Path) -> None:

@@ -16,7 +16,6 @@ from command_line import in_process, refused
 from patience import HANG_S
 
 from tsbench.cli import cli
-from tsbench.core.paths import data_root
 from tsbench.run.log.schema import EPISODES
 
 MAIN = "from tsbench.cli import main; main()"
@@ -111,10 +110,8 @@ def test_wrong_usage_is_one_line_and_exit_2(
 @pytest.fixture(scope="module")
 def real(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four nominal scenarios driven by idm, every tick kept."""
-    if not (data_root() / "scenarios" / "test.parquet").is_file():
-        pytest.skip("no scenarios have been built")
     folder = tmp_path_factory.mktemp("real")
-    run = ["run", "--planner", "idm", "--split", "test", "--variants", "0", "--limit", "4", "--trace", "all"]
+    run = ["run", "--planner", "idm", "--split", "dev", "--variants", "0", "--limit", "4", "--trace", "all"]
     done = tsbench(*run, "--out", "one", "--workers", "1", cwd=folder)
     assert "4 of 4 episodes finished, 0 with an error outcome" in done.stdout
     tsbench(*run, "--out", "two", "--workers", "2", cwd=folder)

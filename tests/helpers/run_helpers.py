@@ -67,6 +67,12 @@ def _hold_ctrl_c() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
+def _by_one_worker(arguments: tuple[str, ...]) -> list[str]:
+    """Each more takes half a second to start; tests about several ask for them."""
+    asked = arguments[0] != "run" or "--workers" in arguments
+    return [*arguments, *(() if asked else ("--workers", "1"))]
+
+
 class Bench:
     """Runs the command line on the fake runner."""
 
@@ -81,7 +87,7 @@ class Bench:
         }
 
     def command(self, *arguments: str) -> list[str]:
-        return [sys.executable, str(HERE / "driver.py"), *arguments]
+        return [sys.executable, str(HERE / "driver.py"), *_by_one_worker(arguments)]
 
     def start(self, *arguments: str, **env: str) -> subprocess.Popen[str]:
         return subprocess.Popen(
@@ -123,7 +129,7 @@ class Bench:
             patch.chdir(self.folder)
             data_root.cache_clear()
             with redirect_stdout(out), redirect_stderr(err), pytest.raises(SystemExit) as ended:
-                driver.main(list(arguments))
+                driver.main(_by_one_worker(arguments))
         sys.path[:] = path
         data_root.cache_clear()
         assert ended.value.code == expect, f"exit {ended.value.code}\n{out.getvalue()}\n{err.getvalue()}"

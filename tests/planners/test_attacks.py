@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from once import made_once
 
 import tsbench
 from tsbench.scenarios.table import read_table, table_path
@@ -22,37 +21,41 @@ TYPES = ("main_road", "yield", "speed_limit")
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> tsbench.Run:
-    def drive(out: Path) -> None:
-        attacks = [f"{ROOT}/examples/{file}.py:{name}" for name, file in WHERE.items()]
-        tsbench.evaluate(
-            [*attacks, "blind", "idm"], split="dev", types=list(TYPES), limit=6, workers=2, out=out / "run",
-            trace="none",
-        )  # fmt: skip
+def episodes(tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+    """Of each driver on a pair of each type; processes matter to who remembers alone."""
+    paths = {name: f"{ROOT}/examples/{file}.py:{name}" for name, file in WHERE.items()} | {"idm": "idm"}
+    run = tsbench.evaluate(
+        [paths.pop("Remembers"), "blind"], split="dev", types=list(TYPES), limit=6, workers=1, trace="none",
+        out=tmp_path_factory.mktemp("attacks") / "run",
+    )  # fmt: skip
+    driven = [
+        {**(tsbench.drive(path, scene, split="dev").run().record or {}), "planner": name}
+        for name, path in paths.items()
+        for scene in run.episodes.scenario_id.unique()
+    ]
+    return pd.concat([run.episodes, pd.DataFrame(driven)])
 
-    return tsbench.load_run(made_once(tmp_path_factory, "attacks", drive) / "run")
+
+def rows(episodes: pd.DataFrame, planner: str) -> pd.DataFrame:
+    return episodes[episodes.planner == planner].sort_values("scenario_id").reset_index(drop=True)
 
 
-def rows(run: tsbench.Run, planner: str) -> pd.DataFrame:
-    return run.episodes[run.episodes.planner == planner].sort_values("scenario_id").reset_index(drop=True)
-
-
-def test_none_passes_a_pair(run: tsbench.Run) -> None:
-    assert not run.episodes.error.notna().any()
+def test_none_passes_a_pair(episodes: pd.DataFrame) -> None:
+    assert not episodes.error.notna().any()
     for name in WHERE:
-        passed = rows(run, name).groupby("pair_id").scd.all()
+        passed = rows(episodes, name).groupby("pair_id").scd.all()
         assert len(passed) == len(TYPES)
         assert not passed.any(), f"{name}: {list(passed.index[passed])}"
 
 
-def test_who_remembers_meets_each_scene_for_the_first_time(run: tsbench.Run) -> None:
+def test_who_remembers_meets_each_scene_for_the_first_time(episodes: pd.DataFrame) -> None:
     told = ["scenario_id", "outcome", "scd", "steps"]
-    assert rows(run, "Remembers")[told].equals(rows(run, "blind")[told])
+    assert rows(episodes, "Remembers")[told].equals(rows(episodes, "blind")[told])
 
 
 @pytest.mark.parametrize("name", [*WATCHERS, "Peeks"])
-def test_who_watches_takes_more_time_than_who_does_not(run: tsbench.Run, name: str) -> None:
-    ours, idm = rows(run, name), rows(run, "idm")
+def test_who_watches_takes_more_time_than_who_does_not(episodes: pd.DataFrame, name: str) -> None:
+    ours, idm = rows(episodes, name), rows(episodes, "idm")
     junctions = ours.pair_id.str.startswith(("main_road", "yield"))
     both = junctions & (ours.outcome == "arrived") & (idm.outcome == "arrived")
     assert both.any()
@@ -60,8 +63,8 @@ def test_who_watches_takes_more_time_than_who_does_not(run: tsbench.Run, name: s
 
 
 @pytest.mark.parametrize("name", ["Between", "Lowest"])
-def test_who_is_slow_everywhere_keeps_below_what_the_road_allows(run: tsbench.Run, name: str) -> None:
-    ours, idm = (rows(run, who).query("pair_id.str.startswith('speed_limit')") for who in (name, "idm"))
+def test_who_is_slow_everywhere_keeps_below_what_the_road_allows(episodes: pd.DataFrame, name: str) -> None:
+    ours, idm = (rows(episodes, who).query("pair_id.str.startswith('speed_limit')") for who in (name, "idm"))
     assert set(ours.outcome) == {"arrived"}
     assert (ours.mean_speed.to_numpy() < 0.8 * idm.mean_speed.to_numpy()).all()
 

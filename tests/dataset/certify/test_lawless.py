@@ -17,7 +17,7 @@ from tsbench.scenarios.table import read_table, table_path
 world = importlib.import_module("simworld")
 
 LAWLESS = "tsbench.dataset.certify.lawless:Lawless"
-MAPS_EACH = 5
+MAPS_EACH = 3
 # Standing before the plate is what the sign of a closed road asks for.
 STANDING_IS_RIGHT = "blocked_road"
 
@@ -64,11 +64,9 @@ def test_the_lawless_driver_is_caught(type_id: str, drive) -> None:
 
 @pytest.mark.parametrize("type_id", sorted(ROWS))
 def test_a_parked_car_never_arrives(type_id: str, drive) -> None:
-    for row in ROWS[type_id][:2]:
-        result = drive(f"{__file__}:parked", row)
-        assert result.error == ""
-        if type_id == STANDING_IS_RIGHT:
-            assert result.outcome in (Outcome.ARRIVED, Outcome.TIMEOUT)
-        else:
-            # Somebody may run into it, or it leaves the road where that bends; it reaches nothing.
-            assert result.outcome in (Outcome.TIMEOUT, Outcome.COLLISION, Outcome.OFF_ROAD)
+    result = drive(f"{__file__}:parked", ROWS[type_id][1])
+    assert result.error == ""
+    # Somebody may run into it, or it leaves the road where that bends; it reaches nothing.
+    elsewhere = (Outcome.TIMEOUT, Outcome.COLLISION, Outcome.OFF_ROAD)
+    standing = (Outcome.ARRIVED, Outcome.TIMEOUT)
+    assert result.outcome in (standing if type_id == STANDING_IS_RIGHT else elsewhere)

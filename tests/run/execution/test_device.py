@@ -18,7 +18,7 @@ def devices(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, device: 
     log = tmp_path / f"{name}.log"
     monkeypatch.setenv("DEVICES_LOG", str(log))
     tsbench.evaluate(
-        [PLANNER], split="test", types=("yield",), limit=4, workers=2, trace="none", device=device,
+        [PLANNER], split="test", types=("yield",), limit=2, workers=2, trace="none", device=device,
         out=tmp_path / name,
     )  # fmt: skip
     return {*log.read_text().split()}
@@ -42,9 +42,11 @@ def test_a_network_that_does_not_load_on_it_is_refused_before_the_first_episode(
     assert not (tmp_path / "broken").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["plant2", "carl-e"])
 def test_a_device_that_is_not_there_is_one_line(name: str) -> None:
-    torch = pytest.importorskip("torch")
+    import torch  # comes with `make test-slow`
+
     if torch.cuda.is_available():
         pytest.skip("has a GPU")
     with pytest.raises(InputError, match=r"^--device cuda: torch sees no CUDA device here$"):

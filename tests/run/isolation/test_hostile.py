@@ -136,6 +136,7 @@ def rows_of(out: Path, names: tuple[str, ...], limits: Limits) -> dict[str, dict
     return rows
 
 
+@pytest.mark.slow
 def test_who_gives_no_answer_is_late_and_gone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     temporary = tmp_path / "temporary"
     temporary.mkdir()

@@ -22,8 +22,8 @@ FILE = Path(leaving.__file__)
 FIRST = 0.2
 
 
-# In the process, the line, the log, numbers, and a file.
-SOME = ("Limit", "LineName", "LogSize", "Processes", "FileMemory")
+# In the line, numbers, and a file.
+SOME = ("LineName", "Processes", "FileMemory")
 # What is compared is the same where nothing was changed: else no test here shows anything.
 UNCHANGED = {"Nothing": [FIRST, 2 * FIRST]}
 REST = tuple(name for name in leaving.ALL if name not in SOME)
@@ -35,9 +35,8 @@ BY_USER = ("unshare", "--user", "--map-user=1000", "--map-group=1000")
     ("before", "names"),
     [
         pytest.param((), (*SOME, *UNCHANGED), id="some"),
-        pytest.param(BY_USER, ("LogTime", "LogLock"), id="by a user"),
         pytest.param((), REST, id="rest", marks=pytest.mark.slow),
-        pytest.param(BY_USER, leaving.IN_LOG, id="rest by a user", marks=pytest.mark.slow),
+        pytest.param(BY_USER, leaving.IN_LOG, id="by a user", marks=pytest.mark.slow),
     ],
 )
 def test_no_bit_that_an_episode_leaves_reaches_the_next(
