@@ -40,7 +40,7 @@ class Observer:
             _plate(view, scene, sign, turning[sign.id].told if sign.id in turning else ())
             for sign in scene.signs
         ]
-        self._mask = perception.mask_signs
+        self._mask = perception.masked
         self._signs = [sign.masked() if self._mask else sign.from_behind() for sign in seen]
         # By place in `_signs`: those that have not faced the ego yet.
         self._unread = {} if self._mask else dict(enumerate(seen))

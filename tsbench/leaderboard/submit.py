@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tsbench.core.errors import InputError
 from tsbench.core.paths import city_in_use
-from tsbench.episode.perception_level import PerceptionLevel
+from tsbench.episode.perception_level import EXACTLY, PerceptionLevel
 from tsbench.episode.trace import trace_path
 from tsbench.leaderboard.claim import episodes_of, events_of
 from tsbench.leaderboard.submission import (
@@ -17,7 +17,7 @@ from tsbench.leaderboard.submission import (
     figures_of,
 )
 from tsbench.run.edition import LOCAL
-from tsbench.run.log.manifest import planners_of
+from tsbench.run.log.manifest import plain_perception, planners_of
 from tsbench.run.log.read import StoredRun, read_run
 from tsbench.run.plan import BOTH
 from tsbench.run.planner_info import PlannerInfo
@@ -26,7 +26,7 @@ from tsbench.scenarios.table import table_path
 from tsbench.tools.rescore import rescore
 
 # What a row of the leaderboard is of: everything, as the planner is.
-_WHOLE = {"variants": "all", "half": BOTH, "limit": None, "mask_signs": False}
+_WHOLE = {"variants": "all", "half": BOTH, "limit": None, **plain_perception(EXACTLY)}
 _SHOWN = 3
 
 

@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 from tsbench.core.errors import InputError
 from tsbench.core.paths import OWN_CITY, city_in_use
-from tsbench.episode.perception_level import EXACT, Perception
+from tsbench.episode.perception_level import EXACT, Perception, load_level
 from tsbench.planners.common.batching import DEVICES
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import EXECUTORS
@@ -65,6 +65,10 @@ class Options:
             raise InputError(
                 "--isolate: planners are isolated on this machine and its CPU: leave out --executor and --device"
             )
+
+    def perceived(self) -> Perception:
+        """How plates reach the planners. Raises InputError for no level."""
+        return Perception(self.mask_signs, load_level(self.perception))
 
     def folder_name(self, names: Sequence[str], contract: str) -> str:
         """Folder name of a run without `--out`; runs that differ in their selection do not meet in one folder."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from tsbench.episode.observation import destination_on_map
 from tsbench.episode.outcome import EpisodeFacts
-from tsbench.episode.perception_level import Perception, PerceptionLevel
+from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.finetune.targets import FinetuneSampling, SignTargets
 from tsbench.learn.imitation.drives import DriveResult, Drivers
@@ -92,17 +92,16 @@ SIGN_FRAME = np.dtype(
 @dataclass(frozen=True)
 class FinetuneSource:
     """Frames of drives that have SCD; the others teach nothing. Nor do those that pass an obstacle on the left where
-    the plate leaves the choice: the mean of both ways leads into it. mask_signs: are posts shown in place of plates?
+    the plate leaves the choice: the mean of both ways leads into it.
 
-    perception: the level of the eyes through which a share `perceived` (0 to 1) of the drives is seen, each with its
-    own luck; None: all exactly. What is answered with is of the drive, and so of what the plate said, read or not.
+    perception: how plates are seen; its level in a share `perceived` (0 to 1) of the drives alone, each with its own
+    luck, and exactly in the others. What is answered with is of the drive, and so of what the plate said, read or not.
     """
 
     dtype: ClassVar[np.dtype[np.void]] = SIGN_FRAME
     sampling: FinetuneSampling
     vocabulary: Vocabulary
-    mask_signs: bool = False
-    perception: PerceptionLevel | None = None
+    perception: Perception = EXACTLY
     perceived: float = 0.0
 
     def frames(self, driven: DriveResult, drivers: Drivers, rng: np.random.Generator) -> at.Records:
@@ -123,11 +122,10 @@ class FinetuneSource:
 
     def _perception(self, rng: np.random.Generator) -> tuple[Perception, str]:
         """How plates are perceived in a drive, and the name that its luck is drawn from."""
-        exactly = Perception(self.mask_signs)
-        if self.perception is None:
-            return exactly, ""
+        if self.perception.level is None:
+            return self.perception, ""
         share, luck = float(rng.random()), int(rng.integers(2**32))
-        seen = replace(exactly, level=self.perception) if share < self.perceived else exactly
+        seen = self.perception if share < self.perceived else replace(self.perception, level=None)
         return seen, f"frames-{luck}"
 
 
