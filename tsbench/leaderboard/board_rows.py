@@ -12,7 +12,7 @@ from pathlib import Path
 from confusable_homoglyphs.confusables import confusables_data
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import using_city
+from tsbench.core.paths import driving
 from tsbench.core.provenance import digest
 from tsbench.core.textfile import read_json
 from tsbench.leaderboard.submission import KIND as SUBMISSION
@@ -176,7 +176,7 @@ def _check_names(rows: Iterable[BoardRow]) -> None:
 
 def _check(path: Path, submission: Submission) -> bool:
     """Do the figures follow from the episodes? False where the data of its contract are not here."""
-    with using_city(submission.city):
+    with driving(submission.city):
         if submission.split not in splits_there():
             return False
         table = read_table(table_path(submission.split))
