@@ -98,7 +98,8 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             reward = _reward_of(reward)
         if not (reward is None or isinstance(reward, RewardSpec) or callable(reward)):
             raise InputError(f"reward {reward!r}: expected a RewardSpec, or a function of a step's terms")
-        chosen = choose_types(type_words("types", types), load_catalog())
+        catalog = load_catalog()
+        chosen = choose_types(type_words("types", types), catalog)
         with driving(None if city is None else text("city", city)) as self._city:
             rows = [row for row in read_table(table_path(split)) if row.pair_type in chosen]
             self._rows = choose_half(choose_variants(rows, variants), half)
@@ -107,7 +108,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             check_files(self._rows)
         self._by_id = {row.scenario_id: row for row in self._rows}
         if often := type_words("more", more or None):
-            kinds = choose_types(often, load_catalog())
+            kinds = choose_types(often, catalog)
             self._rows += (_MORE - 1) * [row for row in self._rows if row.pair_type in kinds]
         self._kind, self._to_exits = observation, action == EXIT
         self._make_encoders()

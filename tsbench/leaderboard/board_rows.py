@@ -21,10 +21,8 @@ from tsbench.leaderboard.verification import KIND as VERIFICATION
 from tsbench.leaderboard.verification import ClaimVerdict, Verification, read_verification
 from tsbench.metrics.scd_records import PAIRED, SIGNED_ONES
 from tsbench.planners.registry import comes_with_tsbench
-from tsbench.run.contract import contract_hash
-from tsbench.run.edition import LOCAL, edition_of, standing_contract
+from tsbench.run.edition import LOCAL, contract_now, edition_of, standing_contract
 from tsbench.scenarios.table import read_table, splits_there, table_path
-from tsbench.signs.catalog import load_catalog
 
 _SHORT = 8
 # File names of `BoardRow.page`.
@@ -180,7 +178,7 @@ def _check(path: Path, submission: Submission) -> bool:
         if submission.split not in splits_there():
             return False
         table = read_table(table_path(submission.split))
-        if standing_contract(contract_hash(table, load_catalog())) != standing_contract(submission.contract):
+        if standing_contract(contract_now(submission.split)) != standing_contract(submission.contract):
             return False
         found = figures_of(submission.episodes, table, submission.planner, submission.contract)
     if found != submission.figures:

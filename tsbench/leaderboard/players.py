@@ -25,7 +25,6 @@ from tsbench.report.page.page_format import pack_table
 from tsbench.report.page.report_page import Embedded
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
-from tsbench.signs.catalog import load_catalog
 from tsbench.tools.rescore import Judge
 
 _COLUMNS: tuple[dict[str, Any], ...] = (
@@ -135,7 +134,7 @@ class _Table:
 def _add(row: BoardRow, label: str, most: int, table: _Table, packed: Embedded) -> None:
     s = row.submission
     specs = {spec.scenario_id: spec for spec in read_table(table_path(s.split))}
-    judge, packer = Judge(load_catalog()), EpisodePacker()
+    judge, packer = Judge(), EpisodePacker()
 
     def trace_of(episode: SubmittedEpisode) -> Path:
         return traces_beside(row.path) / trace_path(Path(), s.planner.name, episode.scenario_id).name
