@@ -179,6 +179,10 @@ class Scene(SceneLayout):
         """What a plate of it asks."""
         return self.catalog.sign(sign.code).rule
 
+    def plates(self, *rules: str) -> list[SignInstance]:
+        """Its plates of rules."""
+        return [sign for sign in self.signs if self.rule(sign).name in rules]
+
     @property
     def target_sign(self) -> SignInstance:
         return next(s for s in self.signs if s.id == self.target)

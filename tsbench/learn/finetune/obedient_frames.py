@@ -26,7 +26,6 @@ from tsbench.planners.plant2.vocabulary import Vocabulary
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import ObstacleParams
 from tsbench.sim.sumo import Simulation
 
@@ -108,8 +107,8 @@ class FinetuneSource:
         """Signs are remembered from the first tick on, as in use; frames begin where the drive may be learned from."""
         if not is_scd(driven.facts):
             return np.zeros(0, dtype=SIGN_FRAME)
-        catalog = load_catalog()
-        sign = catalog.sign(driven.facts.scene.target_sign.code)
+        scene = driven.facts.scene
+        catalog, sign = scene.catalog, scene.catalog.sign(scene.target_sign.code)
         either = set(sign.rule.options.get("allowed_sides", ())) == {"left", "right"}
         if either and not _on_the_right(driven.facts):
             return np.zeros(0, dtype=SIGN_FRAME)

@@ -317,7 +317,7 @@ def furniture_shapes(scene: Scene, country: Country | None = None) -> Iterator[S
 
     country: whose plates, as `plate_rgba` has it.
     """
-    yield from mark_shapes(scene.network, scene.signs)
+    yield from mark_shapes(scene.network, scene)
     ground, middle = destination_place(scene)
     yield Area("destination", ground, 0.6)
     for radius, colour in _RING_M:

@@ -101,7 +101,7 @@ class EpisodePacker:
             arrays["ego_conflict"] = deltas(np.rint(conflict / _UNIT_S), np.zeros(1, dtype=np.int64))
         net = trace.spec.net_sha256
         if net not in self._roads:
-            shapes = (*ground_shapes(trace.spec.map_id), *road_shapes(scene.network, scene.signs))
+            shapes = (*ground_shapes(trace.spec.map_id), *road_shapes(scene.network, scene))
             self._roads[net] = pack({"drawing": drawing(shapes)})
         return Packed(pack({**header, **parts}, arrays), net, self._roads[net], plate_keys(furnished))
 
