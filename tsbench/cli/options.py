@@ -64,7 +64,7 @@ def _country(_context: click.Context, _parameter: click.Parameter, code: str | N
 
 
 def use_city(name: str) -> None:
-    """Use a city's data set, as it is stored, until the command ends. Raises InputError for a name that is none."""
+    """Use a city's data set, as it is stored, until the command ends. Raises InputError for an impossible name."""
     click.get_current_context().with_resource(using_city(name))
 
 
