@@ -74,5 +74,5 @@ def test_the_main_road_is_told_with_the_plate_that_faces_the_ego() -> None:
 
 def test_masked_plates_have_no_outline() -> None:
     for half in ("signed", "contrast"):
-        seen = Watch("main_road", half, Perception(mask_signs=True)).target_from(40.0)
+        seen = Watch("main_road", half, Perception(masked=True)).target_from(40.0)
         assert (seen.code, seen.outline, seen.main_road, seen.edge) == ("", "", (), "")

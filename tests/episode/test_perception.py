@@ -37,6 +37,7 @@ from tsbench.planners.registry import resolve
 from tsbench.roads.road_map import RoadMap
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.table import read_table, table_path
+from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import DT_S, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
 
 LEVELS = ("good", "production", "poor")
@@ -82,7 +83,7 @@ def drive(
     of: PerceptionLevel, pair: str, *plates: Plate, metres: float = 95.0, others: Actors | None = None
 ) -> list[SignDetection]:
     """What is told on the way towards plates at a steady speed."""
-    eyes, around = SignDetector(of, pair, plates, a_map()), others or nobody()
+    eyes, around = SignDetector(of, pair, plates, a_map(), load_catalog()), others or nobody()
     for step in range(int(metres / (SPEED * DT_S))):
         here = ego(step * SPEED * DT_S)
         eyes.look(WorldSnapshot(step, step * DT_S, here, around), here)
@@ -115,7 +116,7 @@ def test_one_look_at_a_large_plate_has_the_level_s_ceiling(name: str) -> None:
     of, n = level(name, latency_s=0.0, posts=False), 4_000
     seen = 0
     for k in range(n):
-        eyes = SignDetector(of, f"pair {k}", [plate(12.0, -1.0)], a_map())
+        eyes = SignDetector(of, f"pair {k}", [plate(12.0, -1.0)], a_map(), load_catalog())
         eyes.look(WorldSnapshot(0, 0.0, ego(0.0), nobody()), ego(0.0))
         seen += len(eyes.told)
     assert agrees(seen, n, of.ceiling)
@@ -126,7 +127,7 @@ def test_half_of_what_is_ever_read_is_read_at_the_half_size() -> None:
     x = 1266.0 * 0.7 / of.half_px
     found = 0
     for k in range(n):
-        eyes = SignDetector(of, f"pair {k}", [plate(x, 0.0)], a_map())
+        eyes = SignDetector(of, f"pair {k}", [plate(x, 0.0)], a_map(), load_catalog())
         eyes.look(WorldSnapshot(0, 0.0, ego(0.0), nobody()), ego(0.0))
         found += len(eyes.told)
     assert agrees(found, n, 0.5)
@@ -186,7 +187,8 @@ def test_a_plate_from_behind_is_an_outline_and_never_misread() -> None:
 def test_a_face_tells_more_than_a_back_did() -> None:
     of = level("good", right=1.0, ceiling=1.0, false_per_km=0.0)
     stop = plate(30.0, 0.0, math.pi, "2.5")
-    eyes = SignDetector(of, "pair", [replace(stop, view=replace(stop.view, outline="octagon"))], a_map())
+    stop = replace(stop, view=replace(stop.view, outline="octagon"))
+    eyes = SignDetector(of, "pair", [stop], a_map(), load_catalog())
     kinds = []
     for step in range(12):
         here = ego(0.0) if step < 6 else replace(ego(60.0), heading=math.pi)
@@ -222,7 +224,7 @@ def test_both_halves_have_the_same_luck() -> None:
 
 def test_what_was_read_is_told_as_long_as_it_is_in_range() -> None:
     of = level("good", right=1.0, ceiling=1.0, noise_m=0.0)
-    eyes = SignDetector(of, "pair", [plate(40.0)], a_map())
+    eyes = SignDetector(of, "pair", [plate(40.0)], a_map(), load_catalog())
     for step in range(60):
         here = ego(step * SPEED * DT_S)
         known = eyes.look(WorldSnapshot(step, step * DT_S, here, nobody()), here)

@@ -273,7 +273,7 @@ def test_masked_signs_keep_their_place_only(root: Path, on_road) -> None:
     spec = on_the_road(on_road, "plain")
     bare = runner(root, "Follow").run(spec)
     plain = scripted.Scripted.seen[0].signs[0]
-    masked = runner(root, "Follow", perception=Perception(mask_signs=True)).run(spec)
+    masked = runner(root, "Follow", perception=Perception(masked=True)).run(spec)
     hidden = {s for o in scripted.Scripted.seen for s in ((x.code, x.value) for x in o.signs)}
     assert hidden == {("", None)}
     first = scripted.Scripted.seen[0].signs[0]

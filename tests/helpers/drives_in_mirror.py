@@ -117,7 +117,7 @@ def compared(row: ScenarioSpec, name: str) -> EpisodeResult:
     said: list[Control] = []
     result = drive(row, name, said)
     with using_city(MIRROR):
-        image = replay(mirrored_row(row), resolve(name).privileged, said)
+        image = replay(mirrored_row(row, load_catalog()), resolve(name).privileged, said)
     assert image.outcome == result.outcome, (row.scenario_id, image.error)
     assert result.facts is not None
     assert image.facts is not None

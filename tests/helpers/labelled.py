@@ -39,7 +39,6 @@ from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.rules.monitor import Verdict
 from tsbench.rules.monitors import make_monitors
 from tsbench.signs.annotations import ALL_LANES, SignInstance, plate_params
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import CLAUSES, ContrastClause
 from tsbench.signs.plate_params import read_params
 from tsbench.sim.scene import EgoStart, Obstacle, Scene, SceneFile
@@ -226,7 +225,7 @@ class Judgement:
 
 def judge(played: Play) -> Judgement:
     """What a case's monitor makes of it. Never kept: a changed rule must show."""
-    monitors = make_monitors(load_catalog(), played.scene)
+    monitors = make_monitors(played.scene)
     monitor = monitors.needless[0] if monitors.needless else monitors.target
     if "watches" in played.case:
         monitor = getattr(monitors, played.case["watches"])

@@ -242,7 +242,7 @@ def verdict(world: World) -> Verdict:
         start=EgoStart(world.start_lane, world.start_s, world.start_speed), destination=world.destination,
         horizon=600, seed=1,
     )  # fmt: skip
-    monitor = make_monitor(sign, load_catalog(), scene)
+    monitor = make_monitor(sign, scene)
     for snapshot in world.snapshots:
         monitor.update(snapshot)
     return monitor.finish()

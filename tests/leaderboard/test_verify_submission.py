@@ -148,6 +148,6 @@ def test_a_run_of_part_of_a_split_is_driven_again_as_it_was(tmp_path: Path) -> N
     found = verify(reader, None, **told)  # type: ignore[arg-type]
     assert (found.verdict, found.equal, found.explained) == (CONFIRMED, 4, ())
     # Other eyes read other plates: who leaves the level out does not find what the run says.
-    for eyes in (EXACTLY, replace(reader.perception, mask_signs=True)):
+    for eyes in (EXACTLY, replace(reader.perception, masked=True)):
         found = verify(replace(reader, perception=eyes), None, shared_process=True, **told)  # type: ignore[arg-type]
         assert found.verdict is REFUTED

@@ -30,7 +30,7 @@ def test_there_are_some() -> None:
 def test_masked_signs_change_nothing(name: str, simulation: Simulation) -> None:
     row = next(r for r in read_table(table_path("test")) if r.scenario_type == "yield" and r.density > 0)
     commands = [
-        EpisodeRunner(registry.resolve(name), perception=Perception(mask_signs=mask), simulation=simulation)
+        EpisodeRunner(registry.resolve(name), perception=Perception(masked=mask), simulation=simulation)
         .run(row)
         .commands.tobytes()
         for mask in (False, True)

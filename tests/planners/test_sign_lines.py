@@ -145,7 +145,7 @@ def test_plates_beside_another_road_are_told_by_their_edge_alone(looks: list[Loo
 
 
 def test_a_masked_plate_has_no_line() -> None:
-    loop = EpisodeLoop(simulation=simulation(), perception=Perception(mask_signs=True))
+    loop = EpisodeLoop(simulation=simulation(), perception=Perception(masked=True))
     row = next(row for row in read_table(table_path("dev")) if row.scenario_type == "stop")
     steps = loop.run_episode(row, "nobody")
     context, o = next(steps), next(steps)

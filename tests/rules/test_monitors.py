@@ -12,7 +12,6 @@ from tsbench.core.errors import InputError
 from tsbench.roads.localization import LaneLocator
 from tsbench.rules.monitor import Monitor, Verdict
 from tsbench.rules.monitors import MONITORS, make_monitor, make_monitors
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import read_params
 from tsbench.signs.rule_kinds import RULE_KINDS
 from tsbench.sim.scene import Scene
@@ -85,9 +84,7 @@ def _run(monitor: Monitor, ticks: list[WorldSnapshot]) -> Verdict:
 def test_same_ticks_give_the_same_verdict(rule: str) -> None:
     scene = _scene(rule)
     for seed in range(4):
-        first, second = (
-            _run(make_monitors(load_catalog(), scene).target, _random_ticks(rule, seed)) for _ in range(2)
-        )
+        first, second = (_run(make_monitors(scene).target, _random_ticks(rule, seed)) for _ in range(2))
         assert first == second
 
 
@@ -95,7 +92,7 @@ def test_same_ticks_give_the_same_verdict(rule: str) -> None:
 @pytest.mark.parametrize("field", ["x", "y", "heading", "speed"])
 def test_an_ego_that_is_nowhere_is_an_error(rule: str, field: str) -> None:
     scene = _scene(rule)
-    monitor = make_monitors(load_catalog(), scene).target
+    monitor = make_monitors(scene).target
     tick = _random_ticks(rule, 1, 1)[0]
     for value in (float("nan"), float("inf")):
         nowhere = replace(tick, ego=replace(tick.ego))
@@ -108,7 +105,7 @@ def test_an_ego_that_is_nowhere_is_an_error(rule: str, field: str) -> None:
 def _refusal(scene: Scene) -> str:
     """What the catalogue's monitors say against a scene's target."""
     with pytest.raises(InputError) as refusal:
-        make_monitor(scene.target_sign, load_catalog(), scene)
+        make_monitor(scene.target_sign, scene)
     return str(refusal.value)
 
 
@@ -182,5 +179,5 @@ def test_context_plates_are_watched_where_they_bind_the_ego() -> None:
     own = scene.target_sign
     binding = replace(own, id="second", role="context", position_m=100.0)
     scenery = replace(own, id="third", role="context", code="2.1", value=None, params=None)
-    others = make_monitors(load_catalog(), replace(scene, signs=(*scene.signs, binding, scenery))).others
+    others = make_monitors(replace(scene, signs=(*scene.signs, binding, scenery))).others
     assert [m.sign.id for m in others] == ["second"]

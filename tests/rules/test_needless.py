@@ -13,7 +13,6 @@ from tsbench.core.errors import InputError
 from tsbench.planners.idm import IdmParameters, free_road
 from tsbench.rules.monitor import Violation
 from tsbench.rules.monitors import make_monitors
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import DT_S
 
 INITIAL_MPS = (3.61, 7.75, 11.05)
@@ -37,7 +36,7 @@ def _ticks(
     scene = scene_of(case, HERE)
     lanes = tuple(replace(lane, speed=limit) for lane in scene.network.lanes)
     scene = replace(scene, network=replace(scene.network, lanes=lanes))
-    monitors = make_monitors(load_catalog(), scene)
+    monitors = make_monitors(scene)
     for tick in snapshots(case, HERE, scene.network):
         monitors.update(tick)
     return list(monitors.finish().needless)

@@ -88,9 +88,10 @@ def test_rings_go_round_clockwise() -> None:
 
 
 def test_a_mirror_of_the_mirror_is_the_row() -> None:
+    catalog = load_catalog()
     for row in read_table(table_path("dev")):
-        image = mirrored_row(row)
-        assert mirrored_row(image) == row
+        image = mirrored_row(row, catalog)
+        assert mirrored_row(image, catalog) == row
         assert (image.net_sha256, image.additional_sha256) == (row.net_sha256, row.additional_sha256)
     with using_city(MIRROR):
         names = [row.scenario_id for row in read_table(table_path("dev"))]

@@ -13,7 +13,7 @@ from tsbench.api.evaluate import Given
 from tsbench.api.words import keywords
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
-from tsbench.core.paths import city_in_use, driving, expanded_text, using_city
+from tsbench.core.paths import check_driven, driving, expanded_text
 from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.perception_level import EXACT, EXACTLY, Perception, load_level
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
@@ -49,7 +49,7 @@ class Drive:
 
     def __init__(self, planner: Given | Planner, row: ScenarioSpec, perception: Perception = EXACTLY) -> None:
         """Raises InputError for no planner and for a scene that does not load; else what the constructor raises."""
-        self.row, self._city = row, city_in_use()
+        self.row, self._city = row, check_driven()
         self.answer: Control | Trajectory | None = None
         self.observation: Observation | None = None
         self._result: EpisodeResult | None = None
@@ -131,7 +131,7 @@ class Drive:
         trace, over = process_episode().trace(), self._result is not None
         if self._result is not None:
             trace = replace(trace, outcome=self._result.outcome, error=self._result.error)
-        with using_city(self._city):
+        with driving(self._city):
             drawn = render.moment(trace, load_scene(self.row), trace.snapshots[-1].time, under_way=not over)
         return shown.Picture(paint.png_bytes(drawn))
 

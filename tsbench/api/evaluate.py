@@ -6,6 +6,7 @@ import functools
 import inspect
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
@@ -106,8 +107,8 @@ def evaluate(
         overwrite=switch("--overwrite", overwrite), allow_partial=switch("--allow-partial", allow_partial),
         limits=Limits(most_memory=number_of("--memory-limit", memory_limit, LEAST_MEMORY_MB)),
     )  # fmt: skip
-    with driving(None if city is None else text("--city", city)):
-        return Run(run(options, ProgressWatcher(progress_console()), told).folder)
+    with driving(None if city is None else text("--city", city)) as driven:
+        return Run(run(replace(options, city=driven), ProgressWatcher(progress_console()), told).folder)
 
 
 def spec_of(planner: Given) -> str:

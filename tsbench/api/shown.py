@@ -11,7 +11,7 @@ from urllib.parse import quote
 
 from tsbench.api.words import keywords
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
-from tsbench.core.paths import using_city
+from tsbench.core.paths import driving
 from tsbench.episode.trace import Trace
 from tsbench.report.drawing.paint import png_bytes
 from tsbench.report.page.report_page import episode_page
@@ -52,13 +52,13 @@ class Shown:
     @cached_property
     def page(self) -> str:
         """The player with all its data as one page of HTML."""
-        with using_city(city_of(self.run.manifest)):
+        with driving(city_of(self.run.manifest)):
             return episode_page(self.run, self.trace.planner, self.trace.spec.scenario_id)
 
     @cached_property
     def frame(self) -> Picture:
         """The picture of one moment, PNG. Raises InputError for a time outside of the episode."""
-        with keywords(), using_city(city_of(self.run.manifest)):
+        with keywords(), driving(city_of(self.run.manifest)):
             return Picture(png_bytes(moment(self.trace, load_scene(self.trace.spec), self.time)))
 
     def save(self, path: str | Path) -> Path:

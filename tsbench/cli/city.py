@@ -11,8 +11,8 @@ import click
 from tsbench.cli import options
 from tsbench.cli.console import bars, print_notes, print_table
 from tsbench.core.errors import InputError
-from tsbench.core.paths import MIRRORED, using_city
-from tsbench.dataset.city import city_names, describe_city, fetch_extracts, load_city, new_city_file
+from tsbench.core.paths import MIRRORED
+from tsbench.dataset.city import chosen_city, city_names, describe_city, fetch_extracts, new_city_file
 from tsbench.dataset.maps import overpass
 from tsbench.dataset.maps.extracts import find_extract
 from tsbench.dataset.maps.names import ending_of
@@ -39,9 +39,9 @@ def list_() -> None:
     """The cities that are described, and what was built of them."""
     rows = []
     for name in city_names():
-        found = load_city(name)
-        with using_city(name):
-            built = [f"{split} {len(read_table(table_path(split))):,}" for split in splits_there()]
+        options.use_city(name)
+        found = chosen_city()
+        built = [f"{split} {len(read_table(table_path(split))):,}" for split in splits_there()]
         dates = ", ".join(sorted({extract.date for extract in found.extracts}))
         rows.append(
             (
@@ -59,7 +59,7 @@ def list_() -> None:
 
 
 @city.command()
-@click.argument("name")
+@options.city_name
 @options.png("Draw a map with every crop as a dot.")
 @click.option(
     "--streets", is_flag=True, help="Also what kind of streets it has, from its extracts, by OSMnx."
@@ -68,35 +68,32 @@ def list_() -> None:
     "--rose", type=options.FILE, metavar="FILE", help="Draw a compass rose of each extract's streets."
 )
 @options.osm
-def show(name: str, png: Path | None, streets: bool, rose: Path | None, osm_dir: Path | None) -> None:
+def show(png: Path | None, streets: bool, rose: Path | None, osm_dir: Path | None) -> None:
     """The extracts of a city, its maps, and which types it carries: on how many maps, and why not on more."""
     from tsbench.dataset.maps.stats import draw_pool
 
-    found = load_city(name)
+    found = chosen_city()
     click.echo(found.title)
-    with using_city(name):
-        _show_country(found.country, country_in_use())
+    _show_country(found.country, country_in_use())
     for extract in found.extracts:
         click.echo(f"{extract.sha256} {extract.name}, {extract.date}, {extract.licence}: {extract.address}")
     if streets or rose is not None:
         _show_streets(found, osm_dir, rose)
-    with using_city(name):
-        if not pool_file().is_file():
-            click.echo(f"nothing is built yet: tsbench city build {name} --osm DIR")
-            return
-        pool = read_pool(pool_file())
-        _show_types(name, pool)
-        if png is not None:
-            draw_pool(pool, png)
-            click.echo(f"map: {png}")
+    if not pool_file().is_file():
+        click.echo(f"nothing is built yet: tsbench city build {found.name} --osm DIR")
+        return
+    pool = read_pool(pool_file())
+    _show_types(found, pool)
+    if png is not None:
+        draw_pool(pool, png)
+        click.echo(f"map: {png}")
 
 
 def _show_streets(city: City, osm_dir: Path | None, rose: Path | None) -> None:
     """Statistics of the street network of each extract, and a picture of the directions of its streets."""
     from tsbench.dataset.maps.streets import draw_bearings, graph_of, streets_of
 
-    with using_city(city.name):
-        files = {one.name: find_extract(one.name, osm_dir or sources_dir()) for one in city.extracts}
+    files = {one.name: find_extract(one.name, osm_dir or sources_dir()) for one in city.extracts}
     graphs = {extract: graph_of(file) for extract, file in files.items()}
     rows = []
     for extract, graph in graphs.items():
@@ -201,45 +198,43 @@ def fetch(name: str, osm_dir: Path | None) -> None:
 
 
 @city.command()
-@click.argument("name")
+@options.city_name
 @options.types
 @options.osm
 @options.workers
-def build(name: str, types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
+def build(types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Build a city's data set: pool, pairs of every type in dev and test, certificates. Resumable."""
     from tsbench.dataset.scenes.city_build import build_city
 
-    chosen = options.types_of(types)
-    with using_city(name):
-        with bars() as show:
-            build_city(chosen, osm_dir or sources_dir(), workers, show, lambda note: print_notes([note]))
-        _show_types(name, read_pool(pool_file()), chosen)
-        there = [split for split in splits_there() if read_table(table_path(split))]
-        split = "test" if "test" in there else there[0]
-        click.echo(f"{edition_now()}: tsbench run --city {name} --split {split} --planner idm")
+    chosen, found = options.types_of(types), chosen_city()
+    with bars() as show:
+        build_city(chosen, osm_dir or sources_dir(), workers, show, lambda note: print_notes([note]))
+    _show_types(found, read_pool(pool_file()), chosen)
+    there = [split for split in splits_there() if read_table(table_path(split))]
+    split = "test" if "test" in there else there[0]
+    click.echo(f"{edition_now()}: tsbench run --city {found.name} --split {split} --planner idm")
 
 
 @city.command("ground")
-@click.argument("name")
+@options.city_name
 @options.osm
-def write_surfaces(name: str, osm_dir: Path | None) -> None:
+def write_surfaces(osm_dir: Path | None) -> None:
     """Write what lies around a built city's roads, for pictures: buildings, greenery, water of its extracts."""
     from tsbench.dataset.maps.ground import write_ground
 
-    with using_city(name):
-        path, maps = write_ground(osm_dir or sources_dir())
+    path, maps = write_ground(osm_dir or sources_dir())
     told = ", ".join(f"{kind} on {count:,}" for kind, count in maps.items())
     click.echo(f"{path}: {path.stat().st_size:,} bytes; maps: {told}")
 
 
-def _show_types(name: str, pool: list[PoolRow], types: tuple[str, ...] = ()) -> None:
-    """What the city in use carries."""
+def _show_types(city: City, pool: list[PoolRow], types: tuple[str, ...] = ()) -> None:
+    """What a city carries."""
     from tsbench.dataset.scenes.carried import carried
     from tsbench.dataset.scenes.overview import build_report, report_file
 
     catalog = load_catalog()
     recipes = [load_recipe(type_id, catalog) for type_id in types or recipe_types()]
-    found = carried(load_city(name), pool, recipes, build_report() if report_file().is_file() else [])
+    found = carried(city, pool, recipes, build_report() if report_file().is_file() else [])
     rows = [(c.type_id, c.split, f"{c.there:,}", f"{c.maps} of {c.wanted}", c.why) for c in found]
     print_table(
         ("type", "split", "maps there", "built", "why not more"), rows, title=f"{len(pool):,} maps", left=2

@@ -15,7 +15,6 @@ from tsbench.cli import EXIT_FAILED, EXIT_NOT_COMPARABLE, options
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
-from tsbench.core.paths import using_city
 from tsbench.core.streams import progress_console
 from tsbench.leaderboard.claim import claim_of, claims_of
 from tsbench.leaderboard.submission import json_schema
@@ -125,7 +124,8 @@ def verify(
         driven = planner
         if image is not None:
             driven = in_image(planner or image_of(claim.planner.spec)[1], image)
-        with using_city(claim.city), Progress(console=console, transient=True) as bar:
+        options.use_city(claim.city)
+        with Progress(console=console, transient=True) as bar:
             task = bar.add_task(f"driving {claim.title} again", total=None)
             found = run_verify(
                 claim, driven, sample=sample, seed=seed, verifier=verifier, workers=workers,

@@ -63,17 +63,22 @@ def _country(_context: click.Context, _parameter: click.Parameter, code: str | N
     return None if code is None else load_country(code)
 
 
-def _city(context: click.Context, _parameter: click.Parameter, name: str | None) -> None:
+def use_city(name: str) -> None:
+    """Use a city's data set, as it is stored, until the command ends. Raises InputError for an impossible name."""
+    click.get_current_context().with_resource(using_city(name))
+
+
+def _city(_context: click.Context, _parameter: click.Parameter, name: str | None) -> None:
     if name is not None:
-        context.with_resource(using_city(driven_city(name)))
+        use_city(driven_city(name))
 
 
-def _made_city(context: click.Context, _parameter: click.Parameter, name: str | None) -> None:
+def _made_city(_context: click.Context, _parameter: click.Parameter, name: str | None) -> None:
     if name is not None:
-        context.with_resource(using_city(name))
+        use_city(name)
 
 
-def of_their_city(context: click.Context, _parameter: click.Parameter, runs: Any) -> Any:
+def of_their_city(_context: click.Context, _parameter: click.Parameter, runs: Any) -> Any:
     """Use the data set that the run folders given, if any, are of. Raises InputError where they are of several."""
     from tsbench.run.log.manifest import city_of, read_manifest
 
@@ -86,7 +91,7 @@ def of_their_city(context: click.Context, _parameter: click.Parameter, runs: Any
     if len(cities) > 1:
         raise InputError(f"the runs are of several cities: {', '.join(sorted(cities))}; take those of one")
     for name in cities:
-        context.with_resource(using_city(name))
+        use_city(name)
     return runs
 
 
@@ -143,6 +148,8 @@ city = click.option(
     "--city", metavar="NAME", callback=_city, expose_value=False, is_eager=True,
     help=f"Whose data set (tsbench city list); default: {CITY}, or {OWN_CITY}.",
 )  # fmt: skip
+# Of what is made of a city, as it is stored.
+city_name = click.argument("name", callback=_made_city, expose_value=False)
 # The same for commands that make data, which are of the city as it is stored.
 made_city = click.option(
     "--city", metavar="NAME", callback=_made_city, expose_value=False, is_eager=True,

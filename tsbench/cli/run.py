@@ -113,8 +113,7 @@ def drive(
         Request(planners, split, types, limit, variants, half),
         Limits(most_memory=float(memory_limit)),
     )
-    asked = Options(request=request, limits=limits, **others)
-    check_driven()
+    asked = Options(request=request, city=check_driven(), limits=limits, **others)
     told = [make_listener(name) for name in listeners]
     ended = run_session(asked, ProgressWatcher(progress_console()), told)
     if ended.summary is not None:

@@ -15,7 +15,7 @@ from tsbench.cli.analyse import out as analysis_out
 from tsbench.cli.console import bars, print_table, show_analysis
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
-from tsbench.core.paths import dataset_root, source_city, using_city
+from tsbench.core.paths import dataset_root, source_city
 from tsbench.dataset.maps.paths import sources_dir
 from tsbench.dataset.scenes.axes import type_axes
 from tsbench.dataset.scenes.place_lint import finding_counts, lint_rows
@@ -171,9 +171,9 @@ def verify(split: str | None) -> None:
     with bars() as show:
         problems = verify_rows(rows, SceneLoader(), lambda n: show("verify", n, len(rows)))
     # A mirrored data set's proofs are those of the one that it mirrors.
-    with using_city(source_city()):
-        stored = options.rows_of(split)
-        problems += [*verify_split(stored), *verify_pairs(stored, None), *verify_certificates(stored, None)]
+    options.use_city(source_city())
+    stored = options.rows_of(split)
+    problems += [*verify_split(stored), *verify_pairs(stored, None), *verify_certificates(stored, None)]
     _end(len(rows), problems, "problems")
 
 

@@ -9,7 +9,7 @@ import click
 from tsbench.cli import options
 from tsbench.cli.console import bars
 from tsbench.core.errors import TsbenchError
-from tsbench.core.paths import using_city
+from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.paths import sources_dir
 from tsbench.run.edition import edition_now
 
@@ -32,31 +32,29 @@ def secret(file: Path) -> None:
 
 
 @seal.command()
-@click.argument("name")
+@options.city_name
 @click.option(_SECRET, required=True, type=options.FILE, help="The file of the secret.")
 @options.types
 @options.osm
 @options.workers
-def build(name: str, secret: Path, types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
+def build(secret: Path, types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Build the city NAME's data set as `tsbench city build` does, drawn with a secret. Resumable."""
     from tsbench.dataset.seal import build_sealed
 
     chosen = options.types_of(types)
-    with using_city(name):
-        with bars() as show:
-            build_sealed(chosen, osm_dir or sources_dir(), secret, workers, show)
-        click.echo(f"{edition_now()}: tsbench seal commit {name} --out FILE")
+    with bars() as show:
+        build_sealed(chosen, osm_dir or sources_dir(), secret, workers, show)
+    click.echo(f"{edition_now()}: tsbench seal commit {chosen_city().name} --out FILE")
 
 
 @seal.command()
-@click.argument("name")
+@options.city_name
 @options.out("The file to publish.", type=options.FILE, required=True)
-def commit(name: str, out: Path) -> None:
+def commit(out: Path) -> None:
     """Write down the hashes of a sealed data set and of its secret: what is published before the scenes are."""
     from tsbench.dataset.seal import commitments, write_commitments
 
-    with using_city(name):
-        found = commitments()
+    found = commitments()
     write_commitments(found, out)
     rows = ", ".join(f"{split} {sum(counts.values()):,} rows" for split, counts in found.rows.items())
     click.echo(f"{out}: {found.edition}, {rows}, {len(found.files)} files")
@@ -70,8 +68,8 @@ def check(file: Path, secret: Path | None) -> None:
     from tsbench.dataset.seal import problems, read_commitments
 
     published = read_commitments(file)
-    with using_city(published.name):
-        found = problems(published, secret)
+    options.use_city(published.name)
+    found = problems(published, secret)
     for line in found:
         click.echo(line)
     if found:

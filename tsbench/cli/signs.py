@@ -60,14 +60,14 @@ def draw_sheet(out: Path, country: Country | None) -> None:
 @options.out("Also write it as CSV, LaTeX and Markdown.", type=options.FOLDER)
 def show_equivalents(country: Country | None, path: Path | None, out: Path | None) -> None:
     """Print how many signs each country has an equivalent of, or one country's own codes."""
-    countries = load_countries() if country is None else (country,)
-    table = countries_table(countries) if country is None else country_table(load_catalog(), country)
+    catalog, countries = load_catalog(), load_countries() if country is None else (country,)
+    table = countries_table(countries) if country is None else country_table(catalog, country)
     Console().print(table)
     if path is not None:
-        write_csv(load_catalog(), countries, path)
+        write_csv(catalog, countries, path)
         click.echo(str(path))
     if out is not None:
         from tsbench.report.tables.sign_pages import countries_analysis, country_analysis
 
-        of_one = None if country is None else country_analysis(load_catalog(), country)
+        of_one = None if country is None else country_analysis(catalog, country)
         show_analysis(of_one or countries_analysis(countries), out, printed=False)

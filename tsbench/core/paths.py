@@ -63,7 +63,7 @@ def resolved(path: Path) -> Path:
 
 def city_in_use() -> str:
     """The name of the city whose data set is used. Raises InputError for what cannot be one."""
-    return _checked(os.environ.get(CITY) or OWN_CITY)
+    return checked_city(os.environ.get(CITY) or OWN_CITY)
 
 
 def mirrored_in_use() -> bool:
@@ -86,7 +86,8 @@ def is_city_name(name: str) -> bool:
     return len(name) <= _LONGEST and re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", name) is not None
 
 
-def _checked(name: str) -> str:
+def checked_city(name: str) -> str:
+    """The name. Raises InputError for one that is no city's."""
     if not is_city_name(name):
         raise InputError(
             f"{CITY} (--city) {name!r}: a city's name is of a-z, 0-9 and '-' (tsbench city list)"
@@ -101,7 +102,7 @@ def using_city(name: str) -> Iterator[None]:
     Raises InputError for a name that cannot be one.
     """
     before = os.environ.get(CITY)
-    os.environ[CITY] = _checked(name)
+    os.environ[CITY] = checked_city(name)
     try:
         yield
     finally:
@@ -207,25 +208,29 @@ def driven_city(name: str) -> str:
     """The data set that is driven where a user names a city; a name without a description stays as it is."""
     with using_city(name):
         path = cities_folder() / f"{name}.yaml"
-        described = read_yaml(path, "a city") if path.is_file() else None
-    side = described.get("side", RIGHT) if isinstance(described, dict) else RIGHT
-    return driven_as(name, side)
+    return driven_as(name, _side(path) if path.is_file() else RIGHT)
 
 
-def check_driven() -> None:
-    """Is the data set in use one whose roads are as they are? Raises InputError for what only stores another."""
-    if driven_city(city_in_use()) != city_in_use():
-        raise InputError(
-            f"TSBENCH_CITY {city_in_use()}: is stored in a mirror; name {driven_city(city_in_use())}, or use --city"
-        )
+@cache
+def _side(path: Path) -> str:
+    described = read_yaml(path, "a city")
+    return str(described.get("side", RIGHT)) if isinstance(described, dict) else RIGHT
+
+
+def check_driven() -> str:
+    """The data set in use. Raises InputError for one that only stores another, whose roads are not as they are."""
+    city = city_in_use()
+    if (driven := driven_city(city)) != city:
+        raise InputError(f"TSBENCH_CITY {city}: is stored in a mirror; name {driven}, or use --city")
+    return city
 
 
 @contextmanager
-def driving(city: str | None) -> Iterator[None]:
-    """Within it the data set is in use that is driven for a city; None: the one that is in use already.
+def driving(city: str | None) -> Iterator[str]:
+    """Within it the data set is in use that is driven for a city, and its name is given; None: the one already in use.
 
     Raises InputError for a data set that only stores the mirror of another.
     """
-    with using_city(city_in_use() if city is None else driven_city(city)):
-        check_driven()
-        yield
+    driven = check_driven() if city is None else driven_city(city)
+    with using_city(driven):
+        yield driven

@@ -16,7 +16,7 @@ from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
 from tsbench.core.fetch import fetch_file
 from tsbench.core.files import sha256_of, write_atomic
-from tsbench.core.paths import LEFT, MIRRORED, cities_folder, city_in_use, driven_as, using_city
+from tsbench.core.paths import LEFT, MIRRORED, checked_city, cities_folder, city_in_use, driven_as
 from tsbench.core.typed import SCHEMA, read_sheet
 from tsbench.dataset.maps.names import extracts_in, file_at
 from tsbench.dataset.maps.utm import UtmFrame
@@ -163,8 +163,7 @@ def check_extract(extract: Extract, path: Path) -> None:
 
 def new_city_file(name: str) -> Path:
     """Where a city is to be described. Raises InputError for a name that cannot be one or is taken."""
-    with using_city(name):
-        path = cities_folder() / f"{city_in_use()}.yaml"
+    path = cities_folder() / f"{checked_city(name)}.yaml"
     if path.exists():
         raise InputError(f"{path}: there is such a city already")
     return path

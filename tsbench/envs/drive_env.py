@@ -19,7 +19,7 @@ from gymnasium.vector import AsyncVectorEnv
 from gymnasium.wrappers import TimeLimit
 
 from tsbench.core.errors import InputError, SimulationError
-from tsbench.core.paths import check_driven, city_in_use, driven_city, expanded_text, using_city
+from tsbench.core.paths import driving, expanded_text
 from tsbench.core.typed import typed
 from tsbench.envs.encoders import KINDS, PLAIN
 from tsbench.envs.exits import EXIT, ExitAction
@@ -98,10 +98,9 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             reward = _reward_of(reward)
         if not (reward is None or isinstance(reward, RewardSpec) or callable(reward)):
             raise InputError(f"reward {reward!r}: expected a RewardSpec, or a function of a step's terms")
-        self._city = city_in_use() if city is None else driven_city(text("city", city))
-        chosen = choose_types(type_words("types", types), load_catalog())
-        with using_city(self._city):
-            check_driven()
+        catalog = load_catalog()
+        chosen = choose_types(type_words("types", types), catalog)
+        with driving(None if city is None else text("city", city)) as self._city:
             rows = [row for row in read_table(table_path(split)) if row.pair_type in chosen]
             self._rows = choose_half(choose_variants(rows, variants), half)
             if not self._rows:
@@ -109,7 +108,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             check_files(self._rows)
         self._by_id = {row.scenario_id: row for row in self._rows}
         if often := type_words("more", more or None):
-            kinds = choose_types(often, load_catalog())
+            kinds = choose_types(often, catalog)
             self._rows += (_MORE - 1) * [row for row in self._rows if row.pair_type in kinds]
         self._kind, self._to_exits = observation, action == EXIT
         self._make_encoders()
@@ -152,7 +151,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         super().reset(seed=seed)
         rows = self._asked(options or {})
         row = rows[int(self.np_random.integers(len(rows)))] if len(rows) > 1 else rows[0]
-        with using_city(self._city):
+        with driving(self._city):
             turn = process_episode().begin(row, self, self._perception)
         if isinstance(turn, EpisodeResult):
             raise SimulationError(f"{row.scenario_id}: {turn.error or turn.outcome}")

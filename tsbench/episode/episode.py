@@ -12,7 +12,6 @@ from tsbench.episode.outcome import EpisodeFacts, Outcome, Phase, TerminationChe
 from tsbench.planners.base import Control, Observation, Trajectory
 from tsbench.rules.monitors import make_monitors
 from tsbench.scenarios.scene_loader import Roads
-from tsbench.signs.catalog import Catalog
 from tsbench.sim.convoy import ConvoyRelease
 from tsbench.sim.ego import advance, start_motion
 from tsbench.sim.junction_traffic import JunctionTraffic
@@ -30,7 +29,6 @@ class Episode:
         sim: Simulation,
         scene: Scene,
         roads: Roads,
-        catalog: Catalog,
         observer: Observer,
         beat: Callable[[int], None],
     ) -> None:
@@ -40,7 +38,7 @@ class Episode:
         self.plans: list[Plan | None] = []
         self.planner_s: list[float] = []
         self.sim_s = 0.0
-        self.monitors = make_monitors(catalog, scene)
+        self.monitors = make_monitors(scene)
         self.ending = TerminationCheck(scene, self.monitors.target)
         self.view = roads.view
         self.navigator = Navigator(self.view.graph, destination_on_map(self.view, scene))

@@ -15,7 +15,6 @@ from tsbench.planners.base import Observation, SignView
 from tsbench.roads.destination import Destination
 from tsbench.roads.planner_map import PlannerMap
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.main_road import main_roads
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Scene
@@ -40,14 +39,14 @@ class Observer:
             _plate(view, scene, sign, turning[sign.id].told if sign.id in turning else ())
             for sign in scene.signs
         ]
-        self._mask = perception.mask_signs
+        self._mask = perception.masked
         self._signs = [sign.masked() if self._mask else sign.from_behind() for sign in seen]
         # By place in `_signs`: those that have not faced the ego yet.
         self._unread = {} if self._mask else dict(enumerate(seen))
         self._eyes: SignDetector | None = None
         if perception.level is not None:
             plates = [Plate(sign.id, sign.role, at) for sign, at in zip(scene.signs, seen, strict=True)]
-            self._eyes = SignDetector(perception.level, luck, plates, view.map)
+            self._eyes = SignDetector(perception.level, luck, plates, view.map, scene.catalog)
         lane = scene.network.lane_index
         self._obstacles = tuple(
             replace(o, lane=_lane_id(view, lane[o.lane]) if o.lane in lane else "") for o in scene.obstacles
@@ -131,7 +130,7 @@ def _plate(view: PlannerMap, scene: Scene, sign: SignInstance, main_road: tuple[
         if sign.lane >= 0:
             at = view.place(scene.network.edges[sign.edge].lanes[sign.lane], 0.0)[0]
             lane = view.map.lanes[at].order if at >= 0 else -1
-    outline = load_catalog().sign(sign.code).outline
+    outline = scene.catalog.sign(sign.code).outline
     return SignView(
         code=sign.code,
         value=sign.value,

@@ -19,7 +19,7 @@ from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.geometry.elementary import log_of
 from tsbench.planners.base import SignView
 from tsbench.roads.road_map import RoadMap
-from tsbench.signs.catalog import load_catalog
+from tsbench.signs.catalog import Catalog
 from tsbench.sim.world import DT_S, ActorKind, Box, EgoState, WorldSnapshot
 
 T = TypeVar("T")
@@ -69,16 +69,16 @@ class Plate:
 class _TrackedSign:
     """What becomes of one plate in one episode: the draws that it has for good, and how far it is."""
 
-    def __init__(self, level: PerceptionLevel, pair: str, plate: Plate) -> None:
+    def __init__(self, level: PerceptionLevel, pair: str, plate: Plate, catalog: Catalog) -> None:
         self.plate, self.seen, self.due, self.outline_due = plate, False, -1, -1
         self.shown: SignView | None = None
         self.name = (pair, f"{plate.view.x:.3f}", f"{plate.view.y:.3f}")
-        latent, size = draw("latent", *self.name), draw("size", *self.name)
+        latent, size, luck = (draw(word, *self.name) for word in ("latent", "size", "neighbour"))
         view = plate.view
         self.kind, self.told_as = MISREAD, view
         if latent < level.right:
             self.kind = RIGHT
-        elif latent < level.told and (wrong := _neighbour(level, view, draw("neighbour", *self.name))):
+        elif latent < level.told and (wrong := _neighbour(level, view, catalog, luck)):
             self.told_as = wrong
         else:
             self.kind = ""
@@ -96,9 +96,11 @@ class _TrackedSign:
 class SignDetector:
     """The eyes of one episode; asked once a tick, in order. pair: `ScenarioSpec.pair_name`."""
 
-    def __init__(self, level: PerceptionLevel, pair: str, plates: Sequence[Plate], road_map: RoadMap) -> None:
-        self._level, self._pair, self._map = level, pair, road_map
-        self._watched = [_TrackedSign(level, pair, plate) for plate in plates]
+    def __init__(
+        self, level: PerceptionLevel, pair: str, plates: Sequence[Plate], road_map: RoadMap, catalog: Catalog
+    ) -> None:
+        self._level, self._pair, self._map, self._catalog = level, pair, road_map, catalog
+        self._watched = [_TrackedSign(level, pair, plate, catalog) for plate in plates]
         self._false: list[SignView] = []
         self._latency = round(level.latency_s / DT_S)
         self._sure = level.ceiling / level.told if level.told else 0.0
@@ -171,9 +173,8 @@ class SignDetector:
                 self._note(snapshot.step, FALSE, "", "", view, ego)
 
     def _false_plate(self, stretch: int, ego: EgoState, seen: EgoState) -> SignView:
-        catalog = load_catalog()
-        codes = sorted(sign.code for sign in catalog.signs.values() if not sign.is_end)
-        sign = catalog.sign(_pick(codes, draw("false code", self._pair, stretch)))
+        codes = sorted(sign.code for sign in self._catalog.signs.values() if not sign.is_end)
+        sign = self._catalog.sign(_pick(codes, draw("false code", self._pair, stretch)))
         value = None
         if sign.value is not None:
             value = _pick(sign.value.allowed, draw("false value", self._pair, stretch))
@@ -250,13 +251,13 @@ def _cuts(box: Box, x0: float, y0: float, x1: float, y1: float) -> bool:
     return enter <= leave
 
 
-def _neighbour(level: PerceptionLevel, plate: SignView, luck: float) -> SignView | None:
+def _neighbour(level: PerceptionLevel, plate: SignView, catalog: Catalog, luck: float) -> SignView | None:
     """What this plate may be taken for; None where there is no such thing."""
     codes = _beside(level.codes, plate.code)
     if codes:
         code = _pick(codes, luck)
-        return replace(plate, code=code, outline=load_catalog().sign(code).outline)
-    posted = load_catalog().sign(plate.code).value if plate.value is not None else None
+        return replace(plate, code=code, outline=catalog.sign(code).outline)
+    posted = catalog.sign(plate.code).value if plate.value is not None else None
     if posted is None or plate.value is None or not posted.printed:
         return None
     values = [v for v in _beside(level.values, plate.value) if v in posted.allowed]

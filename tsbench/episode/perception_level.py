@@ -51,10 +51,15 @@ class PerceptionLevel:
 
 @dataclass(frozen=True)
 class Perception:
-    """How plates reach a planner in an episode. mask_signs: without code and value; level: None = exactly."""
+    """How plates reach a planner in an episode. masked: without code and value; level: None = exactly."""
 
-    mask_signs: bool = False
+    masked: bool = False
     level: PerceptionLevel | None = None
+
+    @property
+    def name(self) -> str:
+        """The level's."""
+        return EXACT if self.level is None else self.level.name
 
 
 EXACTLY = Perception()

@@ -20,7 +20,6 @@ from tsbench.planners.registry import LoadedPlanner
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.annotations import DISTRACTOR
-from tsbench.signs.catalog import Catalog, load_catalog
 from tsbench.sim.scene import Scene
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
@@ -56,7 +55,6 @@ class EpisodeLoop:
         self._perception, self._beat = perception, heartbeat
         self.simulation = Simulation() if simulation is None else simulation
         self._loader = SceneLoader() if loader is None else loader
-        self._catalog: Catalog = load_catalog()
         self.episode: Episode | None = None
 
     def prepare(self, spec: ScenarioSpec) -> None:
@@ -78,11 +76,11 @@ class EpisodeLoop:
         try:
             self._beat(Phase.LOADING)
             scene, roads = self._loader.load(spec)
-            self._catalog.check_plates(
+            scene.catalog.check_plates(
                 spec.sign_code, {s.id: s.code for s in scene.signs if s.role != DISTRACTOR}, spec.scenario_id
             )
             observer = Observer(scene, roads.view, self._perception, spec.pair_name, privileged)
-            episode = Episode(self.simulation, scene, roads, self._catalog, observer, self._beat)
+            episode = Episode(self.simulation, scene, roads, observer, self._beat)
             self.episode = episode
             seed = floor_seed(spec.scenario_id) if floor else planner_seed(spec.pair_name)
             context = self._context(seed, scene, roads, privileged)
@@ -125,7 +123,7 @@ class EpisodeLoop:
         view, privilege = roads.view, None
         if privileged:
             sign = scene.target_sign
-            privilege = Privilege(sign, self._catalog.sign(sign.code).rule, scene.network, view)
+            privilege = Privilege(sign, scene.rule(sign), scene.network, view)
         return PlannerContext(seed, view.map, view.graph, destination_on_map(view, scene), DT_S, privilege)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from confusable_homoglyphs.confusables import confusables_data
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import using_city
+from tsbench.core.paths import driving
 from tsbench.core.provenance import digest
 from tsbench.core.textfile import read_json
 from tsbench.leaderboard.submission import KIND as SUBMISSION
@@ -21,10 +21,8 @@ from tsbench.leaderboard.verification import KIND as VERIFICATION
 from tsbench.leaderboard.verification import ClaimVerdict, Verification, read_verification
 from tsbench.metrics.scd_records import PAIRED, SIGNED_ONES
 from tsbench.planners.registry import comes_with_tsbench
-from tsbench.run.contract import contract_hash
-from tsbench.run.edition import LOCAL, edition_of, standing_contract
+from tsbench.run.edition import LOCAL, contract_now, edition_of, standing_contract
 from tsbench.scenarios.table import read_table, splits_there, table_path
-from tsbench.signs.catalog import load_catalog
 
 _SHORT = 8
 # File names of `BoardRow.page`.
@@ -176,11 +174,11 @@ def _check_names(rows: Iterable[BoardRow]) -> None:
 
 def _check(path: Path, submission: Submission) -> bool:
     """Do the figures follow from the episodes? False where the data of its contract are not here."""
-    with using_city(submission.city):
+    with driving(submission.city):
         if submission.split not in splits_there():
             return False
         table = read_table(table_path(submission.split))
-        if standing_contract(contract_hash(table, load_catalog())) != standing_contract(submission.contract):
+        if standing_contract(contract_now(submission.split)) != standing_contract(submission.contract):
             return False
         found = figures_of(submission.episodes, table, submission.planner, submission.contract)
     if found != submission.figures:

@@ -15,7 +15,7 @@ from typing import Any
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
-from tsbench.core.paths import using_city
+from tsbench.core.paths import driving
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.trace import read_trace, trace_path
 from tsbench.leaderboard.board_rows import BoardRow
@@ -25,7 +25,6 @@ from tsbench.report.page.page_format import pack_table
 from tsbench.report.page.report_page import Embedded
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
-from tsbench.signs.catalog import load_catalog
 from tsbench.tools.rescore import Judge
 
 _COLUMNS: tuple[dict[str, Any], ...] = (
@@ -75,7 +74,7 @@ def copy_traces(run: Path, submission: Submission, path: Path, most: int) -> int
 
     With each that of the other half of its pair, where the run has it. Raises InputError.
     """
-    with using_city(submission.city):
+    with driving(submission.city):
         specs = {spec.scenario_id: spec for spec in read_table(table_path(submission.split))}
     beside = traces_beside(path)
 
@@ -100,7 +99,7 @@ def show_failures(rows: Sequence[BoardRow], labels: Sequence[str], most: int) ->
     for row, label in zip(rows, labels, strict=True):
         if not row.checked or not traces_beside(row.path).is_dir():
             continue
-        with using_city(row.submission.city):
+        with driving(row.submission.city):
             _add(row, label, most, found, packed)
     if not packed.rows:
         return PagePlayers({}, 0)
@@ -135,7 +134,7 @@ class _Table:
 def _add(row: BoardRow, label: str, most: int, table: _Table, packed: Embedded) -> None:
     s = row.submission
     specs = {spec.scenario_id: spec for spec in read_table(table_path(s.split))}
-    judge, packer = Judge(load_catalog()), EpisodePacker()
+    judge, packer = Judge(), EpisodePacker()
 
     def trace_of(episode: SubmittedEpisode) -> Path:
         return traces_beside(row.path) / trace_path(Path(), s.planner.name, episode.scenario_id).name

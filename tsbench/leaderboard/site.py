@@ -22,6 +22,7 @@ from tsbench.metrics.scd_records import PAIRED, PARTS, SIGNED_ONES
 from tsbench.report.page.page_format import render_page
 from tsbench.report.page.report_page import PLAYER_SCRIPTS
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.model import GROUPS
 
 _INDEX = "index.html"
 _SCRIPTS = ("leaderboard.js",)
@@ -78,13 +79,12 @@ def _data_set(rows: Sequence[BoardRow]) -> dict[str, Any]:
     """The rows of one contract by level, with the panels that any of them has, and the curves of their planners."""
     edition, split, contract = rows[0].data_set
     primary = PAIRED if any(row.figure(PAIRED) for row in rows) else SIGNED_ONES
-    groups = dict.fromkeys(kind.group for kind in load_catalog().types)
     by_level = groupby(sorted(rows, key=lambda row: row.level_rank), key=lambda row: row.level_rank)
     drawn = [(own[0], _curve(own, rows)) for own in _by_planner(rows)]
     return {
         "title": f"{edition}, {split} split", "contract": contract, "id": f"set-{contract[:8]}",
         "figures": [name for name in PARTS if any(row.figure(name) for row in rows)], "primary": primary,
-        "panels": [g for g in groups if any(row.figure(primary, g) for row in rows)],
+        "panels": [g for g in GROUPS if any(row.figure(primary, g) for row in rows)],
         "levels": [_level(sorted(some, key=lambda row: row.rank_by)) for _, some in by_level],
         "curves": [(row, svg) for row, svg in drawn if svg is not None],
     }  # fmt: skip

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import city_in_use
-from tsbench.episode.perception_level import PerceptionLevel
+from tsbench.episode.perception_level import EXACTLY, PerceptionLevel
 from tsbench.episode.trace import trace_path
 from tsbench.leaderboard.claim import episodes_of, events_of
 from tsbench.leaderboard.submission import (
@@ -17,7 +16,7 @@ from tsbench.leaderboard.submission import (
     figures_of,
 )
 from tsbench.run.edition import LOCAL
-from tsbench.run.log.manifest import planners_of
+from tsbench.run.log.manifest import city_of, plain_perception, planners_of
 from tsbench.run.log.read import StoredRun, read_run
 from tsbench.run.plan import BOTH
 from tsbench.run.planner_info import PlannerInfo
@@ -26,7 +25,7 @@ from tsbench.scenarios.table import table_path
 from tsbench.tools.rescore import rescore
 
 # What a row of the leaderboard is of: everything, as the planner is.
-_WHOLE = {"variants": "all", "half": BOTH, "limit": None, "mask_signs": False}
+_WHOLE = {"variants": "all", "half": BOTH, "limit": None, **plain_perception(EXACTLY)}
 _SHOWN = 3
 
 
@@ -62,7 +61,7 @@ def make_submission(
     m = run.manifest
     return Submission(
         title=title or info.name, authors=authors, url=url, note=note, third_party=third_party,
-        tsbench=str(m["versions"]["tsbench"]), edition=run.edition, contract=run.contract, city=city_in_use(),
+        tsbench=str(m["versions"]["tsbench"]), edition=run.edition, contract=run.contract, city=city_of(m),
         split=split, planner=info, device=str(m["effective"]["device"]), finished=str(m["finished"]),
         arithmetic=m["arithmetic"], versions=m["versions"], machine=m["machine"], git=m["git"],
         rescored=sum(trace_path(folder, info.name, one.scenario_id).is_file() for one in episodes),

@@ -20,8 +20,8 @@ from tsbench.core.typed import typed
 from tsbench.leaderboard.claim import Claim
 from tsbench.leaderboard.submission import Figure, SubmittedEpisode, episode_of, fault_of_lines, figures_of
 from tsbench.run import arithmetic
-from tsbench.run.contract import code_is_local, contract_hash
-from tsbench.run.edition import LOCAL, edition_of, standing_contract
+from tsbench.run.contract import code_is_local
+from tsbench.run.edition import LOCAL, contract_now, edition_of, standing_contract
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import make_executor
 from tsbench.run.execution.messages import ISOLATED_ALONE, Setup
@@ -32,7 +32,6 @@ from tsbench.run.log.record import Record
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
-from tsbench.signs.catalog import load_catalog
 
 KIND, SCHEMA_VERSION = "tsbench-verification", 3
 # Rounded as figures are shown: the bootstrap's own draws are of the contract, and so the same.
@@ -165,7 +164,7 @@ def verify(
     if shared_process and driven.startswith(_ISOLATED_ONLY):
         raise InputError(f"--shared-process: {driven!r:.60} is driven isolated only: leave it out")
     table = sorted(read_table(table_path(claim.split)), key=lambda row: row.scenario_id)
-    contract = contract_hash(table, load_catalog())
+    contract = contract_now(claim.split)
     if standing_contract(contract) != standing_contract(claim.contract):
         raise InputError(
             f"{claim.path}: its contract is {claim.contract[:12]}, that of this tsbench {contract[:12]}: verify it "

@@ -115,10 +115,12 @@ def summarise(
         if name in records
     )
     units = {name: metric.unit for name, metric in METRICS.items()}
+    types, driven = len(load_catalog().types), {kind for p in planners for kind in p.kinds}
+    title = f"{len(driven)} of {types} types, {sum(asked.values())} episodes asked"
+    title = f"PARTIAL, {sum(holes.values())} episodes missing: {title}" if holes else title
     return Summary(
-        title=_title(planners, asked, holes), contract_hash=contract_hash, edition=edition, partial=bool(holes),
-        level=LEVEL, resamples=bootstrap.resamples, types_in_benchmark=len(load_catalog().types),
-        units=units, planners=planners,
+        title=title, contract_hash=contract_hash, edition=edition, partial=bool(holes),
+        level=LEVEL, resamples=bootstrap.resamples, types_in_benchmark=types, units=units, planners=planners,
     )  # fmt: skip
 
 
@@ -139,12 +141,6 @@ def _holes(records: Mapping[str, Records], asked: Mapping[str, int]) -> dict[str
         if k < 0:
             raise InputError(f"episode records: {name}: {-k} more than the {asked[name]} that were asked")
     return {name: k for name, k in missing.items() if k}
-
-
-def _title(planners: tuple[PlannerSummary, ...], asked: Mapping[str, int], holes: Mapping[str, int]) -> str:
-    types = len({kind for p in planners for kind in p.kinds})
-    text = f"{types} of {len(load_catalog().types)} types, {sum(asked.values())} episodes asked"
-    return f"PARTIAL, {sum(holes.values())} episodes missing: {text}" if holes else text
 
 
 def _planner(

@@ -124,7 +124,7 @@ def scene_picture(
     view = page[size.header_px : size.height - size.footer_px]
     view[:] = STYLE.ground
     camera = _camera(scene, np.concatenate([_points(half) for half in (scene, beside or scene)]), size)
-    roads = (*ground_shapes(map_id), *road_shapes(scene.network, scene.signs))
+    roads = (*ground_shapes(map_id), *road_shapes(scene.network, scene))
     paint(view, camera, (*roads, *ways, *furniture_shapes(scene, country), *staged))
     draw_scale_bar(view, camera.scale)
     draw_attribution(view)

@@ -16,7 +16,6 @@ from tsbench.metrics.tracks import tracks_of
 from tsbench.roads.blocking import PriorityGap, arrival_s
 from tsbench.roads.junction_paths import JunctionPath, junction_paths, path_zones
 from tsbench.roads.priority import RULE_FOLLOWING, PriorityVehicles
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, WorldSnapshot
@@ -70,7 +69,7 @@ def times_to_conflict(trace: Trace, scene: Scene) -> Array | None:
     sign, network = scene.target_sign, scene.network
     if not isinstance(sign.params, GiveWayParams):
         return None
-    params, thresholds = sign.params, load_catalog().sign(sign.code).rule.thresholds
+    params, thresholds = sign.params, scene.rule(sign).thresholds
     lanes = [snapshot.ego.lane for snapshot in trace.snapshots]
     path = _driven(junction_paths(network, (params.approach,)), lanes, scene.route_hint)
     arms = sorted(

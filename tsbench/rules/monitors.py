@@ -14,7 +14,6 @@ from tsbench.rules.needless_passage import NeedlessStop, NeedlessYield
 from tsbench.rules.needless_slow import NeedlessSlow
 from tsbench.rules.wrong_way import WrongWay
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import Catalog
 from tsbench.signs.rule_kinds import RULE_KINDS, load_rule_classes
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import WorldSnapshot
@@ -26,7 +25,7 @@ MONITORS: Mapping[str, type[Monitor]] = load_rule_classes(
 
 
 # By clause of a contrast scene; each takes the params of its kind (`signs.contrast.CLAUSES`).
-NEEDLESS: Mapping[str, Callable[[Any, SignInstance, Catalog, Scene], Monitor]] = MappingProxyType(
+NEEDLESS: Mapping[str, Callable[[Any, SignInstance, Scene], Monitor]] = MappingProxyType(
     {
         "needless_stop": NeedlessStop,
         "needless_yield": NeedlessYield,
@@ -43,9 +42,9 @@ class NullMonitor(Monitor):
         """Nothing to see."""
 
 
-def make_monitor(sign: SignInstance, catalog: Catalog, scene: Scene) -> Monitor:
+def make_monitor(sign: SignInstance, scene: Scene) -> Monitor:
     """The monitor of a plate's rule. Only a contrast scene's plate may lack the params that its rule reads."""
-    rule = catalog.sign(sign.code).rule
+    rule = scene.rule(sign)
     unbound = scene.contrast and not RULE_KINDS[rule.name].binds(sign.params)
     return (NullMonitor if unbound else MONITORS[rule.name])(sign, rule, scene)
 
@@ -86,7 +85,7 @@ class Monitors:
         )
 
 
-def make_monitors(catalog: Catalog, scene: Scene) -> Monitors:
+def make_monitors(scene: Scene) -> Monitors:
     """Those of the target, of the context plates that bind the ego, and of the scene's clauses.
 
     A context plate without params speaks to other traffic and is scenery. End plates belong to the plate that they
@@ -94,12 +93,12 @@ def make_monitors(catalog: Catalog, scene: Scene) -> Monitors:
     """
     sign = scene.target_sign
     return Monitors(
-        make_monitor(sign, catalog, scene),
+        make_monitor(sign, scene),
         tuple(
-            make_monitor(other, catalog, scene)
+            make_monitor(other, scene)
             for other in scene.signs
             if other.role == "context" and other.id != scene.target and other.params is not None
         ),
-        tuple(NEEDLESS[clause.name](clause.params, sign, catalog, scene) for clause in scene.contrast),
-        WrongWay(sign, catalog, scene),
+        tuple(NEEDLESS[clause.name](clause.params, sign, scene) for clause in scene.contrast),
+        WrongWay(sign, scene),
     )

@@ -8,7 +8,6 @@ from tsbench.rules.in_all import InAll
 from tsbench.rules.lines import is_out
 from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import Catalog
 from tsbench.signs.contrast import WayParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S, EgoState, WorldSnapshot
@@ -23,8 +22,8 @@ class NeedlessDetour(Monitor):
     it stays off until it comes to the approach, or to the way's exit, again.
     """
 
-    def __init__(self, params: WayParams, sign: SignInstance, catalog: Catalog, scene: Scene) -> None:
-        super().__init__(sign, catalog.needless, scene)
+    def __init__(self, params: WayParams, sign: SignInstance, scene: Scene) -> None:
+        super().__init__(sign, scene.catalog.needless, scene)
         network = self._network = scene.network
         self._approach, self._exits = params.approach, frozenset(params.exits)
         self._lanes = frozenset(network.lane_index[name] for name in params.lanes)

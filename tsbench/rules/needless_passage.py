@@ -20,7 +20,6 @@ from tsbench.rules.leaders import Leaders
 from tsbench.rules.monitor import Monitor, Verdict
 from tsbench.rules.open_speed import MeanSpeeds, OpenSpeed, at_metre, bend_speeds
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import Catalog
 from tsbench.signs.contrast import PassageParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind, EgoState, WorldSnapshot
@@ -31,7 +30,7 @@ _TICK_SHARE_S = DT_S / 2
 class Passage:
     """Where the ego is on it, in metres from its line, and whether anybody makes it wait. end: of the passage."""
 
-    def __init__(self, monitor: Monitor, params: PassageParams, catalog: Catalog) -> None:
+    def __init__(self, monitor: Monitor, params: PassageParams) -> None:
         scene, network, t = monitor.scene, monitor.scene.network, monitor.rule.thresholds
         ways = junction_paths(network, (params.approach,))
         paths = [p for p in ways if p.target.edge == params.exit]
@@ -46,7 +45,7 @@ class Passage:
         first = paths[0]
         line = join([first.source.line, first.line, first.target.line])
         self._bends, self._source_m = bend_speeds(line, monitor.rule), first.source.line.length
-        give_way = catalog.rule("give_way").thresholds
+        give_way = scene.catalog.rule("give_way").thresholds
         others = [
             e.id
             for e in network.edges.values()
@@ -64,7 +63,7 @@ class Passage:
         self._react_s, self._free_from = t["react_s"] + _TICK_SHARE_S, -math.inf
         self._people: CrossingPeople | None = None
         for name in params.crossing:
-            self._people = CrossingPeople(network.crossings[name], catalog.rule("crosswalk").thresholds)
+            self._people = CrossingPeople(network.crossings[name], scene.catalog.rule("crosswalk").thresholds)
             s, _ = line.project(*self._people.middle)
             self._crosses = (*line.point_at(s), line.heading_at(s))
 
@@ -124,9 +123,9 @@ class Passage:
 class NeedlessStop(Monitor):
     """Has the ego stood without a reason, from the start until it is past, longer than a moment in all?"""
 
-    def __init__(self, params: PassageParams, sign: SignInstance, catalog: Catalog, scene: Scene) -> None:
-        super().__init__(sign, catalog.needless, scene)
-        self._passage = Passage(self, params, catalog)
+    def __init__(self, params: PassageParams, sign: SignInstance, scene: Scene) -> None:
+        super().__init__(sign, scene.catalog.needless, scene)
+        self._passage = Passage(self, params)
         self._stood = 0.0
         self._event = self.excursion("needless_stop")
 
@@ -145,9 +144,9 @@ class NeedlessStop(Monitor):
 class NeedlessYield(Monitor):
     """Was the ego slow without a reason: very slow at one place, or slow on the whole, on its approach or passage?"""
 
-    def __init__(self, params: PassageParams, sign: SignInstance, catalog: Catalog, scene: Scene) -> None:
-        super().__init__(sign, catalog.needless, scene)
-        self._passage = Passage(self, params, catalog)
+    def __init__(self, params: PassageParams, sign: SignInstance, scene: Scene) -> None:
+        super().__init__(sign, scene.catalog.needless, scene)
+        self._passage = Passage(self, params)
         self._open = OpenSpeed(scene.network, self.rule, self.rule.thresholds["cruise_ratio"])
         self._means = MeanSpeeds()
         self._crept = self.excursion("needless_yield", smaller_is_worse=True)

@@ -6,7 +6,6 @@ from tsbench.rules.monitor import Monitor, Verdict
 from tsbench.rules.open_speed import MeanSpeeds, OpenSpeed, at_metre, bend_speeds
 from tsbench.rules.speed import KMH_PER_MPS
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import Catalog
 from tsbench.signs.contrast import SlowZoneParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import WorldSnapshot
@@ -15,8 +14,8 @@ from tsbench.sim.world import WorldSnapshot
 class NeedlessSlow(Monitor):
     """The mean speed up to the zone and that over it, each against that of the speed that was open."""
 
-    def __init__(self, params: SlowZoneParams, sign: SignInstance, catalog: Catalog, scene: Scene) -> None:
-        super().__init__(sign, catalog.needless, scene)
+    def __init__(self, params: SlowZoneParams, sign: SignInstance, scene: Scene) -> None:
+        super().__init__(sign, scene.catalog.needless, scene)
         self._road = self.road(params.zone_edges)
         self._start = params.start_m
         self._end = min(params.end_m, params.start_m + self.rule.thresholds["slow_zone_m"])

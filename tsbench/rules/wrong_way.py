@@ -7,7 +7,6 @@ import math
 from tsbench.rules.in_all import InAll
 from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import Catalog
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S, EgoState, WorldSnapshot
 
@@ -18,8 +17,8 @@ class WrongWay(Monitor):
     sign: the scene's target, under which events are entered; it does not matter what it asks.
     """
 
-    def __init__(self, sign: SignInstance, catalog: Catalog, scene: Scene) -> None:
-        super().__init__(sign, catalog.wrong_way, scene)
+    def __init__(self, sign: SignInstance, scene: Scene) -> None:
+        super().__init__(sign, scene.catalog.wrong_way, scene)
         self._lanes, self._obstacles = scene.network.lanes, [(o.x, o.y) for o in scene.obstacles]
         self._near = self.rule.thresholds["near_obstacle_m"]
         self._against = InAll(self.excursion("wrong_way"), self.rule.thresholds["longest_m"])

@@ -11,11 +11,10 @@ from pathlib import Path
 
 import tsbench
 from tsbench.core.files import sha256_of
-from tsbench.core.paths import mirrored_in_use, source_city, using_city
 from tsbench.core.provenance import data_hash, digest, versions
 from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
-from tsbench.signs.catalog import Catalog, load_catalog
+from tsbench.signs.catalog import Catalog
 
 # Version of what the code makes of scenes: records, events and traces, tsbench's own planners included. A change of one
 # byte raises it; tests/test_golden.py fails until then.
@@ -31,10 +30,9 @@ def contract_hash(rows: Sequence[ScenarioSpec], catalog: Catalog) -> str:
     Rows hold the hashes of their scene files. The arithmetic of a processor is no part of it: `run.json` records it.
     The contract of a mirrored data set follows from that of the data set that it mirrors.
     """
-    if mirrored_in_use():
-        with using_city(source_city()):
-            stored = [mirrored_row(row) for row in rows]
-            return mirrored_contract(contract_hash(stored, load_catalog(catalog.root)))
+    if catalog.image is not None:
+        stored = [mirrored_row(row, catalog.image) for row in rows]
+        return mirrored_contract(contract_hash(stored, catalog.image))
     contrast = any(row.half == CONTRAST for row in rows)
     rules = catalog.contract_entries((row.sign_code for row in rows), contrast)
     return digest({"scoring": SCORING, "data": data_hash(rows, rules), "versions": versions()})

@@ -9,8 +9,8 @@ from typing import Any
 from urllib.parse import quote
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import OWN_CITY, city_in_use
-from tsbench.episode.perception_level import EXACT, Perception
+from tsbench.core.paths import OWN_CITY
+from tsbench.episode.perception_level import EXACT, Perception, load_level
 from tsbench.planners.common.batching import DEVICES
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import EXECUTORS
@@ -27,7 +27,7 @@ class Options:
     """Everything that `tsbench run` takes. workers: processes, None = one for each core. out: None = a name below
     `runs/`. executor: one of `local.EXECUTORS`.
 
-    perception: a level's name or file.
+    city: whose data set is in use. perception: a level's name or file.
     isolate: planners in processes of their own; image: in containers of this image.
 
     overwrite: a run that is in the folder is removed first. allow_partial: aggregate over holes too. limits: how long a
@@ -36,6 +36,7 @@ class Options:
     """
 
     request: Request
+    city: str = OWN_CITY
     workers: int | None = None
     executor: str = "local"
     out: Path | None = None
@@ -65,6 +66,10 @@ class Options:
             raise InputError(
                 "--isolate: planners are isolated on this machine and its CPU: leave out --executor and --device"
             )
+
+    def perceived(self) -> Perception:
+        """How plates reach the planners. Raises InputError for no level."""
+        return Perception(self.mask_signs, load_level(self.perception))
 
     def folder_name(self, names: Sequence[str], contract: str) -> str:
         """Folder name of a run without `--out`; runs that differ in their selection do not meet in one folder."""
@@ -96,9 +101,8 @@ class Options:
 
     def resolved(self, plan: RunPlan, perception: Perception) -> dict[str, Any]:
         """What the options came to, as far as it decides what stands in the folder."""
-        city = city_in_use()
         return {
-            **({} if city == OWN_CITY else {"city": city}),
+            **({} if self.city == OWN_CITY else {"city": self.city}),
             "split": plan.request.split,
             "types": list(plan.types),
             "variants": plan.request.variants,

@@ -16,7 +16,6 @@ import pyarrow as pa
 from tsbench.core.errors import InputError
 from tsbench.core.text import fault_in_name
 from tsbench.episode.outcome import Outcome
-from tsbench.episode.perception_level import Perception, load_level
 from tsbench.metrics.aggregate import summarise
 from tsbench.run.contract import code_stamps, contract_hash
 from tsbench.run.edition import LOCAL, edition_here, standing_contract
@@ -85,7 +84,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
     options, code = _in_image(options), code_stamps()
     catalog = load_catalog()
     plan = make_plan(options.request, catalog)
-    perception = Perception(options.mask_signs, load_level(options.perception))
+    perception = options.perceived()
     contract = standing_contract(contract_hash(plan.table, catalog))
     effective = options.resolved(plan, perception)
     if options.out is not None and not options.overwrite:

@@ -17,6 +17,7 @@ from tsbench.core.paths import dataset_file, mirrored_in_use
 from tsbench.core.provenance import data_hash, digest, versions
 from tsbench.scenarios.mirror import mirrored_id
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
+from tsbench.signs.catalog import load_catalog
 from tsbench.sim.convoy import LATE_BRAKE_MPS2
 
 SCHEMA_VERSION = 4
@@ -150,7 +151,7 @@ def read_certificates(path: Path) -> list[Certificate]:
     rows = read_rows(Certificate, path, SCHEMA, "tsbench scenarios build makes it", _OF_PAIRS)
     if not mirrored_in_use():
         return rows
-    renamed = [replace(row, scenario_id=mirrored_id(row.scenario_id)) for row in rows]
+    renamed = [replace(row, scenario_id=mirrored_id(row.scenario_id, load_catalog())) for row in rows]
     return sorted(renamed, key=lambda row: row.scenario_id)
 
 

@@ -17,7 +17,7 @@ from tsbench.core.xmlfile import parse
 from tsbench.geometry.angles import wrap
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.annotations import sumo_angle
-from tsbench.signs.catalog import load_catalog, mirrored_code, mirrored_slot
+from tsbench.signs.catalog import Catalog, load_catalog, mirrored_code, mirrored_slot
 from tsbench.signs.model import Sign
 from tsbench.sim.scene import SceneFile
 
@@ -29,25 +29,19 @@ _RIGHT_OF_WAY = MappingProxyType(
 )
 
 
-def mirrored_row(spec: ScenarioSpec) -> ScenarioSpec:
+def mirrored_row(spec: ScenarioSpec, catalog: Catalog) -> ScenarioSpec:
     """The row of a scene's mirror image. Its files and their hashes are those that it is made of."""
-    catalog = load_catalog()
-    kind, pair = catalog.mirrored_type(spec.scenario_type), mirrored_id(spec.pair_id)
+    kind, pair = catalog.mirrored_type(spec.scenario_type), mirrored_id(spec.pair_id, catalog)
     return replace(
-        spec, scenario_id=mirrored_id(spec.scenario_id), scenario_type=kind, pair_id=pair,
+        spec, scenario_id=mirrored_id(spec.scenario_id, catalog), scenario_type=kind, pair_id=pair,
         sign_code=mirrored_code(catalog.signs, spec.sign_code), slot=mirrored_slot(spec.slot),
     )  # fmt: skip
 
 
-def stored_type(type_id: str) -> str:
-    """The type in whose store the scenes stand that mirror to this type's."""
-    return load_catalog().mirrored_type(type_id)
-
-
-def mirrored_id(name: str) -> str:
+def mirrored_id(name: str, catalog: Catalog) -> str:
     """The id of a row's or pair's mirror image; it begins with its type."""
     kind, dash, rest = name.partition("-")
-    return f"{load_catalog().mirrored_type(kind)}{dash}{rest}" if name else name
+    return f"{catalog.mirrored_type(kind)}{dash}{rest}" if name else name
 
 
 def mirrored_network(file: SceneFile) -> SceneFile:

@@ -19,6 +19,7 @@ from tsbench.core.paths import OWN_CITY, dataset_file, dataset_root, fetch_hint,
 from tsbench.core.typed import read_typed
 from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.spec import CONTRAST, MOST_TICKS, SCHEMA_VERSION, SIGNED, ScenarioSpec
+from tsbench.signs.catalog import load_catalog
 
 SplitName = Literal["test", "dev", "holdout", "train"]
 SPLITS: tuple[str, ...] = get_args(SplitName)
@@ -54,7 +55,7 @@ def read_table(path: Path) -> list[ScenarioSpec]:
         raise InputError(f"{path}: {source_city()} has no {path.stem} split; it has {', '.join(there)}")
     at = path.stat() if path.is_file() else None
     specs = _read(path, hint, at and (at.st_ino, at.st_size, at.st_mtime_ns, at.st_ctime_ns))
-    return [mirrored_row(spec) for spec in specs] if mirrored_in_use() else list(specs)
+    return [mirrored_row(spec, load_catalog()) for spec in specs] if mirrored_in_use() else list(specs)
 
 
 @lru_cache(maxsize=len(SPLITS))

@@ -30,7 +30,8 @@ class Catalog:
 
     root: the folder it was read from. signs: by code, in numerical order of the codes. rules: by name, in
     alphabetical order. types: the scenario types in the order of their rows. needless, wrong_way: the rules of
-    contrast scenes and of all scenes, which no sign has.
+    contrast scenes and of all scenes, which no sign has. image: where traffic keeps to the left, the catalogue that it
+    mirrors.
     """
 
     root: Path
@@ -39,6 +40,7 @@ class Catalog:
     types: tuple[ScenarioType, ...]
     needless: RuleSpec
     wrong_way: RuleSpec
+    image: Catalog | None = None
 
     def sign(self, code: str) -> Sign:
         """The sign of a code; InputError where the catalogue has none."""
@@ -133,7 +135,7 @@ def _left_hand(root: Path) -> Catalog:
         drawing = f"left/{sign.drawing}"
         if (root / "plates" / drawing).is_file():
             signs[code] = replace(sign, drawing=drawing)
-    return replace(catalog, signs=signs)
+    return replace(catalog, signs=signs, image=catalog)
 
 
 @cache

@@ -10,6 +10,7 @@ from tsbench.core.errors import InputError
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance
+from tsbench.signs.catalog import Catalog, RuleSpec, load_catalog
 from tsbench.signs.contrast import ContrastClause, PassageParams
 from tsbench.signs.plate_params import NAMES, GiveWayParams, JunctionParams, PlateParams, ZoneParams
 
@@ -122,7 +123,7 @@ class SceneLayout:
 
 @dataclass(frozen=True, kw_only=True)
 class Scene(SceneLayout):
-    """A layout on its network. horizon: steps.
+    """A layout on its network. horizon: steps. catalog: what its plates ask.
 
     Raises InputError where a plate's params name what is not there, or what does not fit its place.
     """
@@ -132,6 +133,7 @@ class Scene(SceneLayout):
     network: RoadNetwork
     horizon: int
     seed: int
+    catalog: Catalog = field(default_factory=load_catalog, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         parts: list[tuple[str, str, PlateParams | None]] = [
@@ -172,6 +174,14 @@ class Scene(SceneLayout):
         if isinstance(params, PassageParams) and edges[params.exit].source != node:
             return f"edge {params.exit!r} does not lead away from junction {node!r}"
         return None
+
+    def rule(self, sign: SignInstance) -> RuleSpec:
+        """What a plate of it asks."""
+        return self.catalog.sign(sign.code).rule
+
+    def plates(self, *rules: str) -> list[SignInstance]:
+        """Its plates of rules."""
+        return [sign for sign in self.signs if self.rule(sign).name in rules]
 
     @property
     def target_sign(self) -> SignInstance:

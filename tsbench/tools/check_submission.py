@@ -18,14 +18,13 @@ from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.check import Finding, Level
 from tsbench.planners.registry import comes_with_tsbench
 from tsbench.run import opened_files
-from tsbench.run.contract import SCORING, contract_hash
-from tsbench.run.edition import LOCAL, edition_here, standing_contract
+from tsbench.run.contract import SCORING
+from tsbench.run.edition import LOCAL, contract_now, edition_here, standing_contract
 from tsbench.run.isolation.isolated_loading import describe, load
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
 from tsbench.tools.check_planner import choose, of_results
 
@@ -67,7 +66,7 @@ def standing(spec: str, split: str) -> tuple[list[Finding], PlannerInfo | None]:
 
 
 def _contract(split: str) -> Finding:
-    contract = standing_contract(contract_hash(read_table(table_path(split)), load_catalog()))
+    contract = standing_contract(contract_now(split))
     name = edition_here(contract)
     if name.endswith(LOCAL):
         text = f"edition {name}: code or data were changed since the release: submit refuses what is driven with it"

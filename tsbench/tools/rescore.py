@@ -20,8 +20,7 @@ from tsbench.episode.outcome import EpisodeFacts, Outcome, TerminationCheck
 from tsbench.episode.trace import Trace, read_trace, trace_path
 from tsbench.metrics.aggregate import summarise
 from tsbench.rules.monitors import make_monitors
-from tsbench.run.contract import contract_hash
-from tsbench.run.edition import standing_contract
+from tsbench.run.edition import contract_now, standing_contract
 from tsbench.run.log.folder import SUMMARY
 from tsbench.run.log.journal import Key
 from tsbench.run.log.manifest import Manifest, marks_of, planners_of, read_manifest
@@ -30,7 +29,6 @@ from tsbench.run.log.tables import read_table
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.table import read_table as read_scenarios
 from tsbench.scenarios.table import table_path
-from tsbench.signs.catalog import Catalog, load_catalog
 from tsbench.sim.ego import Motion, advance, start_motion
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S, EgoState
@@ -118,13 +116,12 @@ def rescore(folder: Path) -> Rescore:
             events[key].append(event)
         else:
             lines.append(f"{key[0]} {key[1]}: an event of an episode that is not in the table")
-    catalog = load_catalog()
-    table = read_scenarios(table_path(manifest["effective"]["split"]))
-    now = standing_contract(contract_hash(table, catalog))
+    split = manifest["effective"]["split"]
+    table, now = read_scenarios(table_path(split)), standing_contract(contract_now(split))
     known = (
         {spec.scenario_id: spec for spec in table} if now == standing_contract(manifest["contract"]) else None
     )
-    judge = Judge(catalog)
+    judge = Judge()
     judged = 0
     for key, row in rows.items():
         path = trace_path(folder, *key)
@@ -163,8 +160,7 @@ def _had_trace(row: Row, events: list[Row], kept: str) -> bool:
 class Judge:
     """Monitors and metrics run on traces."""
 
-    def __init__(self, catalog: Catalog) -> None:
-        self._catalog = catalog
+    def __init__(self) -> None:
         self._loader = SceneLoader()
 
     def compare(self, trace: Trace, key: Key, row: Row, events: list[Row]) -> Iterator[str]:
@@ -213,7 +209,7 @@ class Judge:
         return score(trace.spec, trace.planner, privileged, facts)
 
     def _facts(self, trace: Trace, scene: Scene, roads: Roads) -> EpisodeFacts:
-        monitors = make_monitors(self._catalog, scene)
+        monitors = make_monitors(scene)
         ending = TerminationCheck(scene, monitors.target)
         outcome, seen = None, []
         for snapshot in trace.snapshots:

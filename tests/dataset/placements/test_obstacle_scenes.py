@@ -31,7 +31,6 @@ from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.annotations import DISTRACTOR
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import PassageParams, WayParams
 from tsbench.sim.scene_file import read_additional
 from tsbench.sim.world import EGO_LENGTH_M
@@ -281,7 +280,7 @@ def test_a_held_stop_is_judged_alike_from_the_trace(
     # Three seconds still, and not a tick longer than it takes.
     speeds = [s.ego.speed for s in trace.snapshots]
     assert max(speeds[-31:]) <= 0.5 < speeds[-32]
-    judge = Judge(load_catalog())
+    judge = Judge()
     monkeypatch.setattr(judge, "_loader", SceneLoader(SceneFolder(root)))
     key = ("idm-e", spec.scenario_id)
     assert list(judge.compare(trace, key, row, events)) == []

@@ -12,7 +12,7 @@ from training_helpers import fresh_tuned, fresh_weights
 
 from tsbench.episode.observation import destination_on_map
 from tsbench.episode.outcome import Outcome
-from tsbench.episode.perception_level import load_level
+from tsbench.episode.perception_level import EXACTLY, Perception, load_level
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.finetune.obedient_frames import FinetuneSource, RecordedDrive, TakeoverDrive
 from tsbench.learn.finetune.targets import FinetuneSampling
@@ -130,7 +130,7 @@ def half(drivers: Drivers, kind: str, name: str, planner: str) -> DriveResult:
 
 def test_masked_frames_show_posts_and_are_answered_as_the_plate_asks(drivers: Drivers) -> None:
     words = WORDS.with_posts()
-    masked = FinetuneSource(FinetuneSampling(), words, mask_signs=True)
+    masked = FinetuneSource(FinetuneSampling(), words, Perception(masked=True))
     firsts = []
     for name in HALVES:
         driven = half(drivers, "no_turn_left", name, "idm-e")
@@ -150,7 +150,7 @@ def test_masked_frames_show_posts_and_are_answered_as_the_plate_asks(drivers: Dr
         firsts.append(blind[0])
     inputs = at.SIGN_TOKENS.names or ()
     assert all(np.array_equal(firsts[0][n], firsts[1][n]) for n in inputs)
-    assert plan_hash([], masked, 0) != plan_hash([], replace(masked, mask_signs=False), 0)
+    assert plan_hash([], masked, 0) != plan_hash([], replace(masked, perception=EXACTLY), 0)
 
 
 @pytest.mark.parametrize("name", HALVES)
@@ -181,11 +181,10 @@ def test_the_expert_takes_over_from_where_the_student_got_to(
 
 
 def test_of_perceived_frames_only_what_was_read_is_shown(drivers: Drivers) -> None:
-    level = load_level("poor")
-    assert level is not None
+    poor = Perception(level=load_level("poor"))
     driven = half(drivers, "no_turn_left", HALVES[0], "idm-e")
     seen = SOURCE.frames(driven, drivers, np.random.default_rng(0))
-    never, always = (replace(SOURCE, perception=level, perceived=share) for share in (0.0, 1.0))
+    never, always = (replace(SOURCE, perception=poor, perceived=share) for share in (0.0, 1.0))
     # A share of nobody: the same luck is drawn, and everything is seen.
     shown = ("signs", "sign_classes", "held", "held_classes")
     alike = [n for n in seen.dtype.names or () if n not in shown]

@@ -60,9 +60,11 @@ def test_lines_lie_where_the_plates_put_them(rows: dict[tuple[str, str], Scenari
 
 def test_a_crossing_has_stripes_where_its_plate_stands(rows: dict[tuple[str, str], ScenarioSpec]) -> None:
     scene = scene_of(rows, "crosswalk", "signed")
-    assert any(isinstance(shape, Area) for shape in mark_shapes(scene.network, scene.signs))
-    others = [replace(sign, code="3.24", params=None) for sign in scene.signs]
-    assert not any(isinstance(shape, Area) for shape in mark_shapes(scene.network, others))
+    assert any(isinstance(shape, Area) for shape in mark_shapes(scene.network, scene))
+    others = tuple(replace(sign, code="3.24", params=None) for sign in scene.signs)
+    assert not any(
+        isinstance(shape, Area) for shape in mark_shapes(scene.network, replace(scene, signs=others))
+    )
 
 
 def test_the_plate_is_a_picture_of_its_roads() -> None:
@@ -82,7 +84,7 @@ def test_the_reserved_lane_is_the_plates_in_each_half(rows: dict[tuple[str, str]
         scene = scene_of(rows, "bus_lane", half)
         (area,) = (
             s.polygon
-            for s in mark_shapes(scene.network, scene.signs)
+            for s in mark_shapes(scene.network, scene)
             if isinstance(s, Area) and s.colour == "reserved"
         )
         found.append(area)

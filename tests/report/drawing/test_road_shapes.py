@@ -60,7 +60,7 @@ def test_lanes_before_a_fork_say_where_they_lead() -> None:
 
     def heads(kind: str, *, plates: bool = True) -> int:
         scene, _ = loader.load(rows[kind])
-        shapes = [*road_shapes(scene.network), *mark_shapes(scene.network, scene.signs if plates else ())]
+        shapes = [*road_shapes(scene.network), *mark_shapes(scene.network, scene if plates else None)]
         found = [s.polygon for s in shapes if isinstance(s, Area) and s.colour == "marking"]
         return sum(len(one.exterior.coords) == 4 for one in found)
 

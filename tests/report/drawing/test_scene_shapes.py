@@ -11,7 +11,6 @@ from tsbench.rules.monitors import make_monitor
 from tsbench.scenarios.scene_loader import SceneLoader, load_scene
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import EGO_LENGTH_M, EgoState
 
 
@@ -48,9 +47,9 @@ def test_a_front_on_the_drawn_line_is_on_the_judged_one(kind: str, monitor_line:
     row = next(r for r in read_table(table_path("dev")) if r.scenario_type == kind and r.half == "signed")
     scene = load_scene(row)
     sign = scene.target_sign
-    monitor = make_monitor(sign, load_catalog(), scene)
+    monitor = make_monitor(sign, scene)
     lane = scene.network.edge_lanes(sign.edge)[0]
-    drawn = plate_line(scene.network, sign)
+    drawn = plate_line(scene)
     kerb_end = drawn[0]
     s = lane.line.project(*kerb_end.tolist())[0]
     ego = EgoState(

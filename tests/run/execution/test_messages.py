@@ -33,7 +33,7 @@ RECORD = Record(
     "message",
     [
         Start(("/a", "")),
-        Setup((WHO,), Perception(mask_signs=True), "cpu", "all", "out", "test", "c", options={"most": 2}),
+        Setup((WHO,), Perception(masked=True), "cpu", "all", "out", "test", "c", options={"most": 2}),
         Probe("idm", "cuda"),
         Task(7, 0, specs()[0]),
     ],

@@ -31,7 +31,6 @@ from tsbench.run.stepped_episode import Step, SteppedEpisode
 from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.convoy import Approach, Showing
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import WorldSnapshot
@@ -71,7 +70,6 @@ class Certifier:
     def __init__(self, simulation: Simulation, loader: SceneLoader) -> None:
         self._simulation, self._loader = simulation, loader
         self._stepped = SteppedEpisode(simulation, loader)
-        self._catalog = load_catalog()
         self._loaded: dict[str, LoadedPlanner] = {}
         self._proofs: dict[str, _Proof] = {}
 

@@ -19,7 +19,7 @@ from tsbench.learn.imitation.frames_store import FrameStore, TrainingResources
 from tsbench.planners.plant2 import layout as at
 from tsbench.report.drawing.paint import save_png
 from tsbench.report.tables.charts import GREY, GROUP_COLOURS, INK, PALE, save_chart
-from tsbench.signs.catalog import load_catalog
+from tsbench.signs.catalog import ScenarioType, load_catalog
 from tsbench.signs.model import GROUPS
 
 _PICTURES = 10
@@ -67,15 +67,16 @@ def report(
     found = np.concatenate(figures) if figures else np.zeros(0, dtype=_FIGURES)
     if not len(found):
         raise InputError("none of the drives obeyed and arrived: there are no frames to look at")
-    out = resources.out
+    out, types = resources.out, load_catalog().types
     paths = [out / "frames.md", out / "frames.png"]
-    write_atomic(paths[0], _table(found, drives).encode())
-    save_chart(lambda: _chart(found), paths[1])
+    write_atomic(paths[0], _table(found, drives, types).encode())
+    save_chart(lambda: _chart(found, types), paths[1])
     for group in GROUPS:
-        chosen = _of_group(np.concatenate(candidates), group)
+        kinds = [k for k, kind in enumerate(types) if kind.group == group]
+        chosen = _of_group(np.concatenate(candidates), kinds)
         if len(chosen):
             paths.append(out / f"frames-{group}.png")
-            save_png(paths[-1], draw_frames(chosen, load_catalog().types, source.vocabulary))
+            save_png(paths[-1], draw_frames(chosen, types, source.vocabulary))
     return paths
 
 
@@ -96,25 +97,24 @@ def _drawn(frames: at.Records, rng: np.random.Generator) -> at.Records:
     return frames[np.concatenate(rows)] if rows else frames[:0]
 
 
-def _of_group(frames: at.Records, group: str) -> list[at.Record]:
-    kinds = [k for k, kind in enumerate(load_catalog().types) if kind.group == group]
+def _of_group(frames: at.Records, kinds: Sequence[int]) -> list[at.Record]:
     by_type = [frames[frames["type"] == k] for k in kinds]
     longest = max(map(len, by_type))
     return [rows[k] for k in range(longest) for rows in by_type if k < len(rows)][:_PICTURES]
 
 
-def _table(found: at.Records, drives: Sequence[EpisodeDrive]) -> str:
+def _table(found: at.Records, drives: Sequence[EpisodeDrive], types: Sequence[ScenarioType]) -> str:
     lines = [
         "| type | group | family | drives | frames | in decision windows | target 0 to 0.5 m/s | mean target, m/s |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    types = [drive.spec.scenario_type for drive in drives]
-    for k, kind in enumerate(load_catalog().types):
+    driven = [drive.spec.scenario_type for drive in drives]
+    for k, kind in enumerate(types):
         rows = found[found["type"] == k]
         if len(rows):
             stands = 100.0 * (rows["speed"] < 0.5).mean()
             lines.append(
-                f"| {kind.id} | {kind.group} | {FAMILIES[rows['family'][0]]} | {types.count(kind.id):,} "
+                f"| {kind.id} | {kind.group} | {FAMILIES[rows['family'][0]]} | {driven.count(kind.id):,} "
                 f"| {len(rows):,} | {100.0 * rows['decides'].mean():.0f} % | {stands:.1f} % "
                 f"| {rows['speed'].mean():.1f} |"
             )
@@ -124,8 +124,7 @@ def _table(found: at.Records, drives: Sequence[EpisodeDrive]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _chart(found: at.Records) -> Figure:
-    types = load_catalog().types
+def _chart(found: at.Records, types: Sequence[ScenarioType]) -> Figure:
     there = [k for k in range(len(types)) if (found["type"] == k).any()]
     figure = Figure(figsize=(9.0, 1.6 + 0.2 * max(len(there), 12)), layout="constrained")
     grid = figure.add_gridspec(len(FAMILIES), 3, width_ratios=(1.3, 1.0, 1.0))

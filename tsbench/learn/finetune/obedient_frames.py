@@ -11,7 +11,7 @@ import numpy as np
 
 from tsbench.episode.observation import destination_on_map
 from tsbench.episode.outcome import EpisodeFacts
-from tsbench.episode.perception_level import Perception, PerceptionLevel
+from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.finetune.targets import FinetuneSampling, SignTargets
 from tsbench.learn.imitation.drives import DriveResult, Drivers
@@ -26,7 +26,6 @@ from tsbench.planners.plant2.vocabulary import Vocabulary
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import ObstacleParams
 from tsbench.sim.sumo import Simulation
 
@@ -92,25 +91,24 @@ SIGN_FRAME = np.dtype(
 @dataclass(frozen=True)
 class FinetuneSource:
     """Frames of drives that have SCD; the others teach nothing. Nor do those that pass an obstacle on the left where
-    the plate leaves the choice: the mean of both ways leads into it. mask_signs: are posts shown in place of plates?
+    the plate leaves the choice: the mean of both ways leads into it.
 
-    perception: the level of the eyes through which a share `perceived` (0 to 1) of the drives is seen, each with its
-    own luck; None: all exactly. What is answered with is of the drive, and so of what the plate said, read or not.
+    perception: how plates are seen; its level in a share `perceived` (0 to 1) of the drives alone, each with its own
+    luck, and exactly in the others. What is answered with is of the drive, and so of what the plate said, read or not.
     """
 
     dtype: ClassVar[np.dtype[np.void]] = SIGN_FRAME
     sampling: FinetuneSampling
     vocabulary: Vocabulary
-    mask_signs: bool = False
-    perception: PerceptionLevel | None = None
+    perception: Perception = EXACTLY
     perceived: float = 0.0
 
     def frames(self, driven: DriveResult, drivers: Drivers, rng: np.random.Generator) -> at.Records:
         """Signs are remembered from the first tick on, as in use; frames begin where the drive may be learned from."""
         if not is_scd(driven.facts):
             return np.zeros(0, dtype=SIGN_FRAME)
-        catalog = load_catalog()
-        sign = catalog.sign(driven.facts.scene.target_sign.code)
+        scene = driven.facts.scene
+        catalog, sign = scene.catalog, scene.catalog.sign(scene.target_sign.code)
         either = set(sign.rule.options.get("allowed_sides", ())) == {"left", "right"}
         if either and not _on_the_right(driven.facts):
             return np.zeros(0, dtype=SIGN_FRAME)
@@ -123,11 +121,10 @@ class FinetuneSource:
 
     def _perception(self, rng: np.random.Generator) -> tuple[Perception, str]:
         """How plates are perceived in a drive, and the name that its luck is drawn from."""
-        exactly = Perception(self.mask_signs)
-        if self.perception is None:
-            return exactly, ""
+        if self.perception.level is None:
+            return self.perception, ""
         share, luck = float(rng.random()), int(rng.integers(2**32))
-        seen = replace(exactly, level=self.perception) if share < self.perceived else exactly
+        seen = self.perception if share < self.perceived else replace(self.perception, level=None)
         return seen, f"frames-{luck}"
 
 

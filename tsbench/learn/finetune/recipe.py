@@ -10,7 +10,7 @@ from typing import Any
 
 from tsbench.core.errors import InputError
 from tsbench.core.seeds import rng_of
-from tsbench.episode.perception_level import PerceptionLevel
+from tsbench.episode.perception_level import Perception, PerceptionLevel
 from tsbench.learn.finetune.obedient_frames import FinetuneSource, RecordedDrive, TakeoverDrive
 from tsbench.learn.finetune.targets import FinetuneSampling
 from tsbench.learn.imitation.drives import EpisodeDrive
@@ -91,7 +91,8 @@ class FineTuning(TrainingRecipe):
     def source(self) -> FinetuneSource:
         """What makes frames of the drives."""
         perceived = 0.0 if self.perception is None else self.perceived
-        return FinetuneSource(self.sampling, self.vocabulary(), self.mask_signs, self.perception, perceived)
+        seen = Perception(self.mask_signs, self.perception)
+        return FinetuneSource(self.sampling, self.vocabulary(), seen, perceived)
 
     def facts(self) -> dict[str, Any]:
         """What a training that is continued must have in common with the one before: files by their hashes."""

@@ -41,10 +41,7 @@ def ablation(paths: Sequence[Path], allow_partial: bool) -> Analysis:
     contracts, scenes without a partner, holes without `allow_partial`.
     """
     runs = [read_run(path) for path in paths]
-    kinds = {
-        masked: [run for run in runs if bool(run.manifest["effective"]["mask_signs"]) == masked]
-        for masked in (False, True)
-    }
+    kinds = {masked: [run for run in runs if run.perception.masked == masked] for masked in (False, True)}
     if not kinds[False] or not kinds[True]:
         lacking = "with" if kinds[False] else "without"
         raise InputError(

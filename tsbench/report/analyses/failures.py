@@ -112,7 +112,7 @@ def failures(pool: RunPool) -> Analysis:
         columns += [Column(f"{kept}_{end.value}", f"{kept},\n{word}, %") for end, word in _ENDINGS.items()]
     if contrasted:
         columns += [Column(clause, f"{clause.replace('_', ' ')}, %") for clause in NEEDLESS.clauses.split()]
-    eyes = any("perception" in run.manifest["effective"] for run in pool.runs)
+    eyes = any(run.perception.level for run in pool.runs)
     if eyes:
         columns += [Column(f"told_{cause}", f"plate\n{cause}, %") for cause in CAUSES]
     rows: list[Row] = []

@@ -10,7 +10,6 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from tsbench.core.errors import InputError
-from tsbench.episode.perception_level import EXACT
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import STRICT
 from tsbench.metrics.scd_records import PARTS
@@ -39,21 +38,19 @@ def perception(paths: Sequence[Path], allow_partial: bool) -> Analysis:
             raise InputError(
                 f"{runs[0].path} and {run.path} have different scenarios: give runs of one selection"
             )
-    pools = {level: make_pool(list(some), allow_partial) for level, some in groupby(runs, level_of)}
+    pools = {
+        level: make_pool(list(some), allow_partial)
+        for level, some in groupby(runs, lambda run: run.perception.name)
+    }
     if len(pools) < 2:
         raise InputError(f"all runs are of level {next(iter(pools))}: tsbench run --perception makes others")
     return _analysis(pools)
 
 
-def level_of(run: StoredRun) -> str:
-    """The name of a run's perception level."""
-    return str(run.manifest["effective"].get("perception", {"name": EXACT})["name"])
-
-
 def _rank(run: StoredRun) -> tuple[float, str]:
     """Exact first, then by the share that is read right, the best first."""
-    told = run.manifest["effective"].get("perception")
-    return (-2.0, "") if told is None else (-float(told["right"]), level_of(run))
+    level = run.perception.level
+    return (-2.0, "") if level is None else (-level.right, level.name)
 
 
 def _analysis(pools: dict[str, RunPool]) -> Analysis:

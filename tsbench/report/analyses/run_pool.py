@@ -103,11 +103,11 @@ class RunPool:
     @property
     def selection(self) -> str:
         """Which scenarios: split, variants, which halves where not both, and whether signs were masked."""
-        effective = self.runs[0].manifest["effective"]
+        effective, seen = self.runs[0].manifest["effective"], self.runs[0].perception
         half = effective.get("half", BOTH)
         halves = "" if half == BOTH else f", {half} halves"
-        masked = ", signs masked" if effective["mask_signs"] else ""
-        eyes = f", perception {effective['perception']['name']}" if "perception" in effective else ""
+        masked = ", signs masked" if seen.masked else ""
+        eyes = "" if seen.level is None else f", perception {seen.level.name}"
         city = f"{effective['city']}, " if "city" in effective else ""
         return f"{city}{effective['split']} split, variants {effective['variants']}{halves}{masked}{eyes}"
 
@@ -170,11 +170,11 @@ def _check_selection(a: StoredRun, b: StoredRun) -> None:
             f"{a.path} and {b.path} have different scenarios ({key}: {told}): "
             "analyse runs of the same selection together"
         )
-    if len({bool(run.manifest["effective"].get("mask_signs")) for run in (a, b)}) > 1:
+    if a.perception.masked != b.perception.masked:
         raise InputError(
             f"signs are masked in one of {a.path} and {b.path} only: tsbench analyse ablation compares such runs"
         )
-    if a.manifest["effective"].get("perception") != b.manifest["effective"].get("perception"):
+    if a.perception != b.perception:
         raise InputError(
             f"{a.path} and {b.path} are of different perception levels: tsbench analyse perception compares such runs"
         )

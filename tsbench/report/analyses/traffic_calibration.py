@@ -27,11 +27,9 @@ from tsbench.episode.trace import Trace, read_trace
 from tsbench.geometry.polyline import Array
 from tsbench.report.analyses.analysis import Analysis, Column, Kind, Row, Table
 from tsbench.report.analyses.run_pool import EpisodeIndex, RunPool
-from tsbench.run.contract import contract_hash
-from tsbench.run.edition import standing_contract
+from tsbench.run.edition import contract_now, standing_contract
 from tsbench.scenarios.certificates import certificates_path, read_certificates
 from tsbench.scenarios.table import read_table, table_path
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import DT_S
 
 _OURS, _NUPLAN = "#d55e00", "#0072b2"
@@ -103,7 +101,7 @@ def traffic(pool: RunPool, index: EpisodeIndex) -> Analysis | None:
     if not path.is_file() or not certificates_path().is_file():
         return None
     table = read_table(path)
-    if standing_contract(contract_hash(table, load_catalog())) != pool.contract:
+    if standing_contract(contract_now(split)) != pool.contract:
         return None
     driven = {row["scenario_id"] for row in index.rows}
     rows = [spec for spec in table if spec.scenario_id in driven]

@@ -118,7 +118,7 @@ class BirdsEye:
         self.ground: Image = np.full((camera.height, camera.width, 3), STYLE.ground, dtype=np.uint8)
         shapes = (
             *ground_shapes(trace.spec.map_id),
-            *road_shapes(scene.network, scene.signs),
+            *road_shapes(scene.network, scene),
             *furniture_shapes(scene, country),
         )
         self._plates = paint(self.ground, camera, shapes)

@@ -20,9 +20,9 @@ from tsbench.report.drawing.shapes import Area, Line, dashes, lane_area, rounded
 from tsbench.roads.network import Edge, Lane, RoadNetwork
 from tsbench.roads.road_map import Crossing
 from tsbench.signs.annotations import TARGET, SignInstance
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim import main_road
+from tsbench.sim.scene import Scene
 
 _ROUND_M = 0.15
 _KERB_M, _LINES_M = 0.25, 0.25
@@ -45,7 +45,7 @@ _MOUTH_RULES = frozenset({"no_entry", "closed_road"})
 _APRON_M = (3.0, 1.6)
 
 
-def road_shapes(network: RoadNetwork, signs: Sequence[SignInstance] = ()) -> Iterator[Area | Line]:
+def road_shapes(network: RoadNetwork, scene: Scene | None = None) -> Iterator[Area | Line]:
     """Surface, kerbs and lines. A road across a plate of one-way traffic has no lines: its plates alone say the way."""
     walks = [lane_area(lane.line, lane.width) for lane in network.lanes if _is_walk(lane)]
     aprons = shapely.union_all([a for c in network.crossings.values() for a in _aprons(c)])
@@ -54,7 +54,7 @@ def road_shapes(network: RoadNetwork, signs: Sequence[SignInstance] = ()) -> Ite
     road = area.difference(aprons)
     yield Area("kerb", road.buffer(_KERB_M))
     yield Area("asphalt", road)
-    two_way, across = _two_way(network), _across(network, signs)
+    two_way, across = _two_way(network), _across(scene)
     for edge in network.edges.values():
         lanes = _drivable(network, edge)
         if edge.internal or not lanes or edge.id in across:
@@ -79,11 +79,14 @@ def _two_way(network: RoadNetwork) -> set[str]:
     return found
 
 
-def _across(network: RoadNetwork, signs: Sequence[SignInstance]) -> set[str]:
+def _across(scene: Scene | None) -> set[str]:
     """Edges of the roads whose direction targets of one-way traffic (5.7.x) alone tell."""
     found = set[str]()
-    for sign in signs:
-        if sign.role == TARGET and load_catalog().sign(sign.code).rule.name == "one_way_exit":
+    if scene is None:
+        return found
+    network = scene.network
+    for sign in scene.plates("one_way_exit"):
+        if sign.role == TARGET:
             node = network.edges[sign.edge].target
             for edge in network.edges.values():
                 if not edge.internal and node in (edge.source, edge.target):
@@ -94,23 +97,24 @@ def _across(network: RoadNetwork, signs: Sequence[SignInstance]) -> set[str]:
     return found
 
 
-def mark_shapes(network: RoadNetwork, signs: Sequence[SignInstance] = ()) -> Iterator[Area | Line]:
+def mark_shapes(network: RoadNetwork, scene: Scene | None = None) -> Iterator[Area | Line]:
     """What plates have painted: reserved lanes, stop and give-way lines, the stripes of a crossing with its plate.
 
     An arm without a plate of priority has the line that the network's rights of way ask for. Lanes have arrows before
     a fork, except where a plate of the scene says which ways are open or a road's direction: the other half's plate
     says otherwise.
     """
+    signs = () if scene is None else scene.signs
+    lanes, posts = (scene.plates(rule) if scene else [] for rule in ("reserved_lane", "crosswalk"))
     reserved = {name for s in signs if isinstance(s.params, ReservedLaneParams) for name in s.params.lanes}
     # Of plates that bind others: the lane that each names.
-    rules = {s.code: load_catalog().sign(s.code).rule.name for s in signs}
-    others = (s for s in signs if s.params is None and s.lane >= 0 and rules[s.code] == "reserved_lane")
+    others = (s for s in lanes if s.params is None and s.lane >= 0)
     reserved |= {network.edge_lanes(s.edge)[s.lane].id for s in others}
     for name in sorted(reserved):
         lane = network.lane(name)
         # Between the lines at its sides.
         yield Area("reserved", lane_area(lane.line, lane.width - 2.0 * _LINES_M))
-    regulated, across = _regulated(network, signs), _across(network, signs)
+    regulated, across = _regulated(scene), _across(scene)
     for index, line in stop_lines(network, signs).items():
         if network.lanes[index].edge not in across:
             yield from _end_marks(network.lanes[index], line)
@@ -120,24 +124,20 @@ def mark_shapes(network: RoadNetwork, signs: Sequence[SignInstance] = ()) -> Ite
     for lane in network.lanes:
         if not lane.internal and network.edges[lane.edge].target not in regulated:
             yield from _turn_arrows(network, lane)
-    posts = [(s.x, s.y) for s in signs if rules[s.code] == "crosswalk"]
     for crossing in network.crossings.values():
         ends = crossing.line.points
-        if any(math.dist(post, end) <= _AT_CROSSING_M for post in posts for end in ends):
+        if any(math.dist((post.x, post.y), end) <= _AT_CROSSING_M for post in posts for end in ends):
             for dash in dashes(ends, *_ZEBRA_M):
                 yield Area("marking", strip(Polyline(dash), crossing.width))
 
 
-def _regulated(network: RoadNetwork, signs: Sequence[SignInstance]) -> set[str]:
+def _regulated(scene: Scene | None) -> set[str]:
     """Nodes at which plates say which ways are open."""
-    nodes, catalog = set[str](), load_catalog()
-    for sign in signs:
-        edge, rule = network.edges[sign.edge], catalog.sign(sign.code).rule.name
-        if rule in _APPROACH_RULES:
-            nodes.add(edge.target)
-        elif rule in _MOUTH_RULES:
-            nodes.add(edge.source)
-    return nodes
+    if scene is None:
+        return set()
+    edges = scene.network.edges
+    approached = {edges[sign.edge].target for sign in scene.plates(*_APPROACH_RULES)}
+    return approached | {edges[sign.edge].source for sign in scene.plates(*_MOUTH_RULES)}
 
 
 def _aprons(crossing: Crossing) -> list[shapely.Geometry]:

@@ -27,7 +27,6 @@ from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.rules.monitor import Violation
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.countries import Country
 from tsbench.signs.plate_params import (
     ApproachParams,
@@ -184,15 +183,16 @@ def destination_place(scene: Scene) -> tuple[shapely.Geometry, tuple[float, floa
     return shapely.union_all(areas), (x, y)
 
 
-def plate_line(network: RoadNetwork, sign: SignInstance) -> Array:
-    """The cross-section of the road at which a plate's rule judges the ego's front, (2, 2).
+def plate_line(scene: Scene) -> Array:
+    """The cross-section of the road at which the target's rule judges the ego's front, (2, 2).
 
     Of a junction's sign the end of its edge, each lane's own; of a pedestrian crossing the near side of its strip.
     """
+    network, sign = scene.network, scene.target_sign
     lanes = network.edge_lanes(sign.edge)
     outer, inner, kerb = lanes[0], lanes[-1], network.to_kerb
     at = min(sign.position_m, outer.line.length), min(sign.position_m, inner.line.length)
-    if load_catalog().sign(sign.code).placement.reference == "line":
+    if scene.catalog.sign(sign.code).placement.reference == "line":
         at = outer.line.length, inner.line.length
     elif isinstance(sign.params, CrosswalkParams):
         crossing = network.crossings[sign.params.crossing]
@@ -317,12 +317,12 @@ def furniture_shapes(scene: Scene, country: Country | None = None) -> Iterator[S
 
     country: whose plates, as `plate_rgba` has it.
     """
-    yield from mark_shapes(scene.network, scene.signs)
+    yield from mark_shapes(scene.network, scene)
     ground, middle = destination_place(scene)
     yield Area("destination", ground, 0.6)
     for radius, colour in _RING_M:
         yield Area(colour, shapely.Point(middle).buffer(radius))
-    for dash in dashes(plate_line(scene.network, scene.target_sign), 0.7, 0.5):
+    for dash in dashes(plate_line(scene), 0.7, 0.5):
         yield Line("plate_line", dash, 0.25)
     yield from obstacle_bodies(scene)
     turning = main_roads(scene.network, scene.signs)

@@ -227,7 +227,7 @@ def _time(seconds: float) -> Timestamp:
 
 def _scene(scene: Scene) -> list[SceneEntity]:
     graph = LaneGraph(scene.network)
-    return entities((*road_shapes(scene.network, scene.signs), *scene_shapes(scene, graph)))
+    return entities((*road_shapes(scene.network, scene), *scene_shapes(scene, graph)))
 
 
 def _actors(snapshot: WorldSnapshot, before: set[str]) -> tuple[SceneUpdate, set[str]]:

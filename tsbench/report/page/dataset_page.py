@@ -108,9 +108,7 @@ def _pack(rows: Sequence[ScenarioSpec]) -> tuple[bytes, set[str]]:
         shown = drawing(scene_shapes(scene, roads.graph, start=True))
         scenes[row.scenario_id] = {**shown, "net": row.net_sha256}
         if row.net_sha256 not in nets:
-            nets[row.net_sha256] = drawing(
-                (*ground_shapes(row.map_id), *road_shapes(scene.network, scene.signs))
-            )
+            nets[row.net_sha256] = drawing((*ground_shapes(row.map_id), *road_shapes(scene.network, scene)))
         plates |= set(plate_keys(shown))
     return pack({"roads": nets, "scenes": scenes}), plates
 

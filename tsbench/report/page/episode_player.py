@@ -35,7 +35,6 @@ from tsbench.report.wording import episode_subtitle, episode_title, readable, un
 from tsbench.roads.planner_map import build_planner_map
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.signs.annotations import DISTRACTOR
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M
@@ -102,7 +101,7 @@ class EpisodePacker:
             arrays["ego_conflict"] = deltas(np.rint(conflict / _UNIT_S), np.zeros(1, dtype=np.int64))
         net = trace.spec.net_sha256
         if net not in self._roads:
-            shapes = (*ground_shapes(trace.spec.map_id), *road_shapes(scene.network, scene.signs))
+            shapes = (*ground_shapes(trace.spec.map_id), *road_shapes(scene.network, scene))
             self._roads[net] = pack({"drawing": drawing(shapes)})
         return Packed(pack({**header, **parts}, arrays), net, self._roads[net], plate_keys(furnished))
 
@@ -143,7 +142,7 @@ def _gap(scene: Scene) -> float | None:
     params = scene.target_sign.params
     if not isinstance(params, GiveWayParams) or not params.main_in:
         return None
-    return load_catalog().sign(scene.target_sign.code).rule.thresholds["gap_s"]
+    return scene.rule(scene.target_sign).thresholds["gap_s"]
 
 
 def _told(trace: Trace, scene: Scene) -> list[dict[str, Any]]:

@@ -13,7 +13,7 @@ from rich.text import Text
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.text import csv_text
-from tsbench.episode.perception_level import EXACT
+from tsbench.episode.perception_level import EXACTLY
 from tsbench.metrics.aggregate import name_holes
 from tsbench.metrics.breakdown import Scores
 from tsbench.metrics.episode_metrics import METRICS
@@ -26,12 +26,12 @@ from tsbench.report.analyses.columns import (
     difference_columns,
     difference_rows,
 )
-from tsbench.run.log.manifest import marks_of
+from tsbench.run.log.manifest import marks_of, plain_perception
 from tsbench.run.log.read import StoredRun, is_run, read_run
 
 # What of a run's options chooses its scenarios, and what else may explain a difference.
 SELECTION = ("split", "types", "variants", "half", "limit", "scenarios")
-_EXPLAINS = ("mask_signs", "device")
+_EXPLAINS = (*plain_perception(EXACTLY), "device")
 
 
 @dataclass(frozen=True)
@@ -129,9 +129,9 @@ def _contracts(a: StoredRun, b: StoredRun, force: bool) -> list[str]:
 
 def _levels(a: StoredRun, b: StoredRun, force: bool) -> list[str]:
     """What eyes a run was driven with belongs to what it is, as its contract does."""
-    if not differing(a, b, ("perception",)):
+    if a.perception.level == b.perception.level:
         return []
-    x, y = (run.manifest["effective"].get("perception", {"name": EXACT})["name"] for run in (a, b))
+    x, y = a.perception.name, b.perception.name
     if not force:
         raise InputError(
             f"{a.path} is of perception {x}, {b.path} of {y}: tsbench analyse perception shows levels side by side; "

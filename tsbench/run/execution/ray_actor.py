@@ -15,16 +15,14 @@ from pathlib import Path
 from tsbench.core.errors import InputError
 from tsbench.core.paths import CITY, city_in_use
 from tsbench.episode.trace import trace_path
-from tsbench.run.contract import code_hash, contract_hash
-from tsbench.run.edition import standing_contract
+from tsbench.run.contract import code_hash
+from tsbench.run.edition import contract_now, standing_contract
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import Pool
 from tsbench.run.execution.messages import Finished, Probe, Probed, Refused, Setup, decode, encode
 from tsbench.run.execution.own_folder import ACTOR, OwnFolder
 from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.log.record import Record
-from tsbench.scenarios.table import read_table, table_path
-from tsbench.signs.catalog import load_catalog
 
 _DATA = "TSBENCH_DATA"
 
@@ -81,7 +79,7 @@ class RayActor:
                 f"its tsbench is {code_hash()[:12]}, the run's {self._code[:12]}: install the same tsbench there"
             )
         try:
-            contract = standing_contract(contract_hash(read_table(table_path(told.split)), load_catalog()))
+            contract = standing_contract(contract_now(told.split))
             if contract != told.contract:
                 return _refused(
                     f"its contract is {contract[:12]}, the run's is {told.contract[:12]}: "

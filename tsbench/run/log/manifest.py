@@ -172,7 +172,14 @@ def plain_perception(perception: Perception) -> dict[str, Any]:
     """How plates reach a run's planners, as it stands in `effective`; exact perception is left out."""
     level = perception.level
     told = {} if level is None else {"perception": json.loads(json.dumps(asdict(level)))}
-    return {"mask_signs": perception.mask_signs, **told}
+    return {"mask_signs": perception.masked, **told}
+
+
+def perception_of(manifest: Mapping[str, Any]) -> Perception:
+    """How plates reached a run's planners."""
+    effective = manifest["effective"]
+    told = effective.get("perception")
+    return Perception(effective["mask_signs"], None if told is None else typed(PerceptionLevel, told))
 
 
 def city_of(manifest: Mapping[str, Any]) -> str:

@@ -10,11 +10,10 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from tsbench.core.errors import InputError
-from tsbench.core.typed import typed
-from tsbench.episode.perception_level import Perception, PerceptionLevel
+from tsbench.episode.perception_level import Perception
 from tsbench.run.edition import edition_of, standing_contract
 from tsbench.run.log.journal import JOURNAL, lines_so_far
-from tsbench.run.log.manifest import NAME, Manifest, planners_of, read_manifest
+from tsbench.run.log.manifest import NAME, Manifest, perception_of, planners_of, read_manifest
 from tsbench.run.log.rescored import tell_rescored
 from tsbench.run.log.tables import file_hashes, read_table, tables_of
 
@@ -51,14 +50,8 @@ class StoredRun:
 
     @property
     def perception(self) -> Perception:
-        """How plates reached its planners. Raises InputError for a malformed level."""
-        effective = self.manifest["effective"]
-        told = effective.get("perception")
-        try:
-            level = None if told is None else typed(PerceptionLevel, told)
-        except ValueError as error:
-            raise InputError(f"{self.path}: perception: {error}") from None
-        return Perception(effective["mask_signs"], level)
+        """How plates reached its planners."""
+        return perception_of(self.manifest)
 
     @property
     def rescored(self) -> str:
