@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 from urllib.parse import quote
 
 import click
@@ -19,10 +18,10 @@ from tsbench.core.paths import using_city
 from tsbench.core.streams import progress_console
 from tsbench.leaderboard.claim import claim_of, claims_of
 from tsbench.leaderboard.submission import json_schema
+from tsbench.leaderboard.submit import make_submission
+from tsbench.leaderboard.verification import ClaimVerdict, Verification
+from tsbench.leaderboard.verification import verify as run_verify
 from tsbench.run.isolation.image import image_of, in_image
-
-if TYPE_CHECKING:
-    from tsbench.leaderboard.verification import Verification
 
 
 @click.command()
@@ -49,8 +48,6 @@ def submit(
 
     The run is judged again from its traces. docs/leaderboard.md says where the file goes.
     """
-    from tsbench.leaderboard.submit import make_submission
-
     made = make_submission(
         folder, planner, title=title, authors=authors, url=url, note=note, third_party=third_party,
         shared_process=shared_process,
@@ -109,9 +106,6 @@ def verify(
 
     Exit status 1 where it is refuted, 3 where the verdicts are equal and the bytes cannot be compared.
     """
-    from tsbench.leaderboard.verification import ClaimVerdict
-    from tsbench.leaderboard.verification import verify as run_verify
-
     claims = claims_of(claimed) if claimed.is_dir() else [claim_of(claimed)]
     if name is not None:
         names = ", ".join(claim.planner.name for claim in claims)

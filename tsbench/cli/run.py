@@ -27,6 +27,7 @@ from tsbench.run.run_options import LEAST_MEMORY_MB, Options
 from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import RunResult
 from tsbench.run.session import run as run_session
+from tsbench.tools.rescore import rescore as rescore_run
 
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
@@ -129,8 +130,6 @@ def rescore(folder: Path) -> None:
 
     Exit code 1 and a list of episodes where they differ. RUN/rescored.json says so to reports.
     """
-    from tsbench.tools.rescore import rescore as rescore_run  # brings SUMO's readers
-
     result = rescore_run(folder)
     if result.note:
         click.echo(f"note: {result.note}", err=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
@@ -17,15 +17,16 @@ from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
 from tsbench.episode.perception_level import EXACT, load_level
 from tsbench.learn.code_counts import count, write_counts
+from tsbench.learn.finetune.recipe import FineTuning, finetune_drives
+from tsbench.learn.imitation.frames_store import TrainingResources
+from tsbench.learn.imitation.recipe import ImitationRecipe, validation_rows
+from tsbench.learn.imitation.skill import drive, skill_of
+from tsbench.learn.oracle.trajectories import trajectories_path
 from tsbench.metrics.intervals import share_ends
-from tsbench.planners.weights import network
+from tsbench.planners.plant2.planner_ft import StopPolicy
+from tsbench.planners.weights import Network, network
+from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
-
-if TYPE_CHECKING:
-    from tsbench.learn.finetune.recipe import FineTuning
-    from tsbench.learn.imitation.frames_store import TrainingResources
-    from tsbench.planners.weights import Network
-    from tsbench.scenarios.spec import ScenarioSpec
 
 _NOT_NEGATIVE = click.IntRange(min=0)
 _cache_gb = click.option(
@@ -117,7 +118,6 @@ def plant2(
     **figures: Any,
 ) -> None:  # fmt: skip
     """Imitation of sign-blind driving; writes plant2.safetensors and plant2.json."""
-    from tsbench.learn.imitation.recipe import ImitationRecipe
     from tsbench.learn.imitation.task import imitation  # brings torch
     from tsbench.learn.imitation.trainer import train as learn
 
@@ -192,7 +192,6 @@ def plant2_ft(device: str, workers: int, cache_gb: float, out: Path, **asked: An
 def frames(workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
     """What plant2-ft is shown: counts, targets, and ten frames of each group as pictures."""
     from tsbench.learn.finetune.drives_report import report
-    from tsbench.learn.finetune.recipe import finetune_drives
 
     recipe, rows = _recipe(**asked)
     for path in report(
@@ -205,9 +204,6 @@ def _recipe(
     planners: tuple[str, ...], types: tuple[str, ...], more: tuple[str, ...], trajectories: Path | None,
     perception: str, **figures: Any,
 ) -> tuple[FineTuning, list[ScenarioSpec]]:  # fmt: skip
-    from tsbench.learn.finetune.recipe import FineTuning
-    from tsbench.learn.oracle.trajectories import trajectories_path
-
     path, often = trajectories or trajectories_path(), options.types_of(more)
     recipe = FineTuning(
         trajectories=path,
@@ -258,10 +254,6 @@ def measure(
     seed: int, workers: int,
 ) -> None:  # fmt: skip
     """How the weights in FOLDER (default: tsbench's own) drive on kept-out maps of the train split, by type."""
-    from tsbench.learn.imitation.recipe import validation_rows
-    from tsbench.learn.imitation.skill import drive, skill_of
-    from tsbench.planners.plant2.planner_ft import StopPolicy
-
     network(planner, folder)
     if stop_policy and planner == "plant2":
         raise InputError(f"--stop-policy: {planner} has none")
@@ -294,8 +286,6 @@ def _train_rows(words: tuple[str, ...]) -> list[ScenarioSpec]:
 
 
 def _resources(out: Path, device: str, workers: int, cache_gb: float) -> TrainingResources:
-    from tsbench.learn.imitation.frames_store import TrainingResources
-
     return TrainingResources(out, device, workers, int(cache_gb * 1e9))
 
 
