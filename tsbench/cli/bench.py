@@ -10,7 +10,7 @@ from rich.console import Console
 
 from tsbench.cli import options
 from tsbench.cli.console import print_table
-from tsbench.cli.options import FILE, POSITIVE
+from tsbench.cli.options import FILE, POSITIVE, Words
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_json
 from tsbench.tools import benches
@@ -30,9 +30,8 @@ from tsbench.tools import benches
 @click.option("--fresh", is_flag=True, help="What it costs that an episode begins afresh, and nothing else.")
 @options.planners("With --isolation: planner to measure (default: idm and idm-e)")
 def bench(
-    limit: int, rounds: int, json_path: Path | None, networks: bool, env: bool, isolation: bool,
-    fresh: bool, planners: tuple[str, ...],
-) -> None:  # fmt: skip
+    limit: int, rounds: int, json_path: Path | None, isolation: bool, planners: Words, **only: bool
+) -> None:
     """Measure bare SUMO, ego and snapshot, and the whole tick, on the same scenes in one run."""
     if planners and not isolation:
         raise InputError(
@@ -41,13 +40,13 @@ def bench(
     if isolation:
         _isolation(planners, limit, rounds, json_path)
         return
-    if fresh:
+    if only["fresh"]:
         _fresh(limit, rounds, json_path)
         return
-    if env:
+    if only["env"]:
         _environment(rounds, json_path)
         return
-    if networks:
+    if only["networks"]:
         _networks(json_path)
         return
     console = Console()

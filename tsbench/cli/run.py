@@ -14,7 +14,6 @@ from tsbench.cli.console import table_console
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import check_driven
 from tsbench.core.streams import progress_console
-from tsbench.episode.perception_level import EXACT
 from tsbench.report.analyses.analysis import print_analysis, to_markdown
 from tsbench.report.analyses.main_table import run_tables
 from tsbench.run.execution.executor import Limits
@@ -33,14 +32,15 @@ if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
 
 # Of `tsbench oracle collect` too.
-which_variants = click.option(
-    "--variants", type=click.Choice(VARIANTS), default="all", show_default=True,
-    help="The nominal variant, all, or one drawn for each map.",
-)  # fmt: skip
-which_half = click.option(
-    "--half", type=click.Choice(WHICH_HALVES), default=BOTH, show_default=True,
-    help="Of contrast pairs: the signed half (with what has no pair), the contrast half, or both.",
-)  # fmt: skip
+which_variants = options.choice(
+    "--variants", VARIANTS, "all", "The nominal variant, all, or one drawn for each map."
+)
+which_half = options.choice(
+    "--half",
+    WHICH_HALVES,
+    BOTH,
+    "Of contrast pairs: the signed half (with what has no pair), the contrast half, or both.",
+)
 
 
 @click.command()
@@ -53,22 +53,25 @@ which_half = click.option(
 @which_variants
 @which_half
 @options.run_workers
-@click.option(
-    "--memory-limit", type=click.IntRange(min=LEAST_MEMORY_MB), default=int(Limits.most_memory), show_default=True,
+@options.count(
+    "--memory-limit",
+    default=int(Limits.most_memory),
+    least=LEAST_MEMORY_MB,
     metavar="MB",
     help="Most that a worker, with all that its planner has started, may take in an episode.",
-)  # fmt: skip
-@click.option(
-    "--executor", type=click.Choice(EXECUTORS), default="local", show_default=True,
-    help="Where: on this machine, or on the Ray cluster that RAY_ADDRESS names.",
-)  # fmt: skip
+)
+@options.choice(
+    "--executor", EXECUTORS, "local", "Where: on this machine, or on the Ray cluster that RAY_ADDRESS names."
+)
 @options.out(
     "Run folder; one with part of the same run is continued. Default: below runs/.", type=options.FOLDER
 )
-@click.option(
-    "--trace", type=click.Choice(TRACES), default="violations", show_default=True,
-    help="Episodes to keep tick by tick: none, those with a violation or without success, all.",
-)  # fmt: skip
+@options.choice(
+    "--trace",
+    TRACES,
+    "violations",
+    "Episodes to keep tick by tick: none, those with a violation or without success, all.",
+)
 @options.device
 @click.option(
     "--isolate",
@@ -77,16 +80,13 @@ which_half = click.option(
 )
 @options.image
 @click.option("--mask-signs", is_flag=True, help="Remove sign identity from what planners see.")
-@click.option(
-    "--perception", type=options.TEXT, default=EXACT, show_default=True, metavar="exact|good|production|poor|FILE",
-    help="How well planners perceive plates: a level, or a YAML file with the fields of one.",
-)  # fmt: skip
+@options.perception("How well planners perceive plates: a level, or a YAML file with the fields of one.")
 @click.option(
     "--overwrite", is_flag=True, help="Remove the run that is in the folder, and drive all of it again."
 )
 @options.allow_partial
 @click.option(
-    "--listener", "listeners", type=options.TEXT, multiple=True, metavar="NAME|pkg.module:Class|file.py:Class",
+    "--listener", "listeners", type=options.TEXT, multiple=True, metavar=options.PLANNER,
     help=f"Who is told how the run goes, such as a tracker: {', '.join(KNOWN)}, or one of your own.",
 )  # fmt: skip
 def run(**given: Any) -> None:

@@ -237,14 +237,7 @@ def browse(types: tuple[str, ...], split: str | None, out: Path, workers: int) -
 
 @scenarios.command()
 @options.split()
-@click.option(
-    "--limit",
-    type=options.POSITIVE,
-    metavar="N",
-    default=300,
-    show_default=True,
-    help="Driven for the cruise speed.",
-)
+@options.count("--limit", default=300, help="Driven for the cruise speed.")
 @analysis_out("calibration.csv, .tex, .md, .png and .svg")
 def calibration(split: str | None, limit: int, out: Path) -> None:
     """Initial speed, cruise speed and density against nuPlan's: KS distances and a figure of the CDFs."""

@@ -12,10 +12,10 @@ from rich.table import Table
 
 from tsbench.cli import options
 from tsbench.cli.console import table_console
-from tsbench.cli.options import POSITIVE, Option, several
+from tsbench.cli.options import POSITIVE, Option, Words, several
 from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
-from tsbench.episode.perception_level import EXACT, load_level
+from tsbench.episode.perception_level import load_level
 from tsbench.learn.code_counts import count, write_counts
 from tsbench.learn.finetune.recipe import FineTuning, finetune_drives
 from tsbench.learn.imitation.frames_store import TrainingResources
@@ -98,7 +98,7 @@ def _train(planner: str, out: Path, **asked: Any) -> None:
 
 
 @train.command(short_help="Imitation of sign-blind driving by a transformer.")
-@click.option("--size", type=click.Choice(("mini", "medium")), default="mini", show_default=True)
+@options.choice("--size", ("mini", "medium"), "mini")
 @click.option(
     "--drives",
     "episodes",
@@ -114,9 +114,8 @@ def _train(planner: str, out: Path, **asked: Any) -> None:
 @_count("--validation", 160, "Episodes driven after each epoch; the best network is kept.")
 @several(options.types, options.seed, options.device, options.workers, _cache_gb, _out("runs/train-plant2"))
 def plant2(
-    planners: tuple[str, ...], types: tuple[str, ...], device: str, workers: int, cache_gb: float, out: Path,
-    **figures: Any,
-) -> None:  # fmt: skip
+    planners: Words, types: Words, device: str, workers: int, cache_gb: float, out: Path, **figures: Any
+) -> None:
     """Imitation of sign-blind driving; writes plant2.safetensors and plant2.json."""
     from tsbench.learn.imitation.task import imitation  # brings torch
     from tsbench.learn.imitation.trainer import train as learn
@@ -150,11 +149,7 @@ def _lessons(drives: int, out: str) -> Option:
             help="Show posts in place of plates, in training and validation: the floor plant2-blind, whose weights are "
             "meant then wherever plant2-ft's are.",
         ),
-        click.option(
-            "--perception", type=options.TEXT, default=EXACT, show_default=True,
-            metavar="exact|good|production|poor|FILE",
-            help="Level of the eyes through which a share of the drives is seen.",
-        ),
+        options.perception("Level of the eyes through which a share of the drives is seen."),
         click.option(
             "--perceived", default=0.3, show_default=True, type=click.FloatRange(0.0, 1.0), help="That share."
         ),
@@ -201,9 +196,8 @@ def frames(workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
 
 
 def _recipe(
-    planners: tuple[str, ...], types: tuple[str, ...], more: tuple[str, ...], trajectories: Path | None,
-    perception: str, **figures: Any,
-) -> tuple[FineTuning, list[ScenarioSpec]]:  # fmt: skip
+    planners: Words, types: Words, more: Words, trajectories: Path | None, perception: str, **figures: Any
+) -> tuple[FineTuning, list[ScenarioSpec]]:
     path, often = trajectories or trajectories_path(), options.types_of(more)
     recipe = FineTuning(
         trajectories=path,
@@ -233,12 +227,7 @@ _SHARES = {
 
 @train.command(short_help="How plant2's, plant2-ft's or plant2-blind's weights drive on kept-out maps.")
 @click.argument("folder", type=options.FOLDER, required=False)
-@click.option(
-    "--planner",
-    type=click.Choice(["plant2", "plant2-ft", "plant2-blind"]),
-    default="plant2-ft",
-    show_default=True,
-)
+@options.choice("--planner", ("plant2", "plant2-ft", "plant2-blind"), "plant2-ft")
 @_count("--each", 4, "Episodes of a type.")
 @click.option(
     "--stop-policy",

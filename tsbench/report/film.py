@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import subprocess
 from collections.abc import Iterable, Iterator
 from dataclasses import astuple
@@ -38,11 +39,10 @@ _PIPE_BYTES = 1 << 20
 # One thread for each film: films are many, and threads that wait for each other cost more than they bring. A fixed
 # quantiser spares x264 the look at each frame in advance. OpenCV converts colours as the standard for small pictures
 # says, which players do not guess alike.
-_ENCODER = [
-    "-c:v", "libx264", "-preset", "ultrafast", "-qp", "18", "-threads", "1", "-filter_threads", "1",
-    "-fps_mode", "passthrough", "-movflags", "+faststart",
-    "-x264-params", "colormatrix=smpte170m:colorprim=smpte170m:transfer=smpte170m",
-]  # fmt: skip
+_ENCODER = shlex.split(
+    "-c:v libx264 -preset ultrafast -qp 18 -threads 1 -filter_threads 1 -fps_mode passthrough -movflags +faststart "
+    "-x264-params colormatrix=smpte170m:colorprim=smpte170m:transfer=smpte170m"
+)
 
 
 def film(
@@ -120,11 +120,9 @@ def _frames(trace: Trace, scene: Scene, country: Country | None) -> Iterator[Ima
 def _encode(frames: Iterable[Image], size: PageSize, path: Path) -> None:
     import imageio_ffmpeg  # an extra of its own: only films need it
 
-    command = [
-        imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-nostdin", "-loglevel", "error",
-        "-f", "rawvideo", "-pix_fmt", "yuv420p", "-s", f"{size.width}x{size.height}", "-r", f"{round(1 / DT_S)}",
-        "-i", "pipe:0", *_ENCODER, "-f", "mp4", str(path),
-    ]  # fmt: skip
+    told = f"-y -nostdin -loglevel error -f rawvideo -pix_fmt yuv420p -s {size.width}x{size.height}"
+    given = shlex.split(f"{told} -r {round(1 / DT_S)} -i pipe:0")
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), *given, *_ENCODER, "-f", "mp4", str(path)]
     encoder = subprocess.Popen(
         command,
         stdin=subprocess.PIPE,

@@ -85,10 +85,8 @@ def static_text(name: str) -> str:
 def _policy(script: str, served: bool) -> str:
     """Content security policy: only this very script runs."""
     digest = b64encode(hashlib.sha256(f"\n{script}\n".encode()).digest()).decode()
-    parts = [
-        "default-src 'none'", f"script-src 'sha256-{digest}'", "style-src 'unsafe-inline'", "img-src data:",
-        "base-uri 'none'", "form-action 'none'",
-    ]  # fmt: skip
+    parts = ["default-src 'none'", f"script-src 'sha256-{digest}'", "style-src 'unsafe-inline'"]
+    parts += ["img-src data:", "base-uri 'none'", "form-action 'none'"]
     if served:
         parts.append("connect-src 'self'")
     return "; ".join(parts)
@@ -122,11 +120,13 @@ def pack(header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]] | Non
     return gzip.compress(struct.pack("<I", len(head)) + head + b"".join(parts), _LEVEL, mtime=0)
 
 
-def pack_table(columns: Sequence[Mapping[str, Any]], values: Mapping[str, Sequence[Any]]) -> bytes:
-    """A table for `tsb.table`: one list for each column, texts as numbers of a list of the different ones.
+def page_column(name: str, label: str, kind: str = "text", **more: Any) -> dict[str, Any]:
+    """A column of `pack_table`. kind: text, number or flag; more: what `table.js` names besides."""
+    return {"name": name, "label": label, "kind": kind, **more}
 
-    columns: `name`, `label`, `kind` (text, number, flag), and what `table.js` names besides.
-    """
+
+def pack_table(columns: Sequence[Mapping[str, Any]], values: Mapping[str, Sequence[Any]]) -> bytes:
+    """A table for `tsb.table`: one list for each column, texts as numbers of a list of the different ones."""
     packed: dict[str, Any] = {}
     for column in columns:
         found = list(values[column["name"]])
