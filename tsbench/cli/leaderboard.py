@@ -24,6 +24,8 @@ from tsbench.leaderboard.verification import ClaimVerdict, Verification
 from tsbench.leaderboard.verification import verify as run_verify
 from tsbench.run.isolation.image import image_of, in_image
 
+_SEED = click.IntRange(0, 2**63 - 1)
+
 
 @click.command()
 @click.argument("folder", metavar="RUN", type=options.PATH, callback=options.of_their_city)
@@ -78,9 +80,12 @@ def submit(folder: Path, planner: str | None, traces: int, out: Path | None, **t
 )
 @options.count("--sample", default=100, help="Episodes to drive, of each planner.")
 @click.option(
-    "--seed", type=click.IntRange(0, 2**63 - 1), required=True, metavar="N",
+    "--seed",
+    type=_SEED,
+    required=True,
+    metavar="N",
     help="Of the draw: your own choice, made after the submission.",
-)  # fmt: skip
+)
 @click.option(
     "--shared-process",
     is_flag=True,

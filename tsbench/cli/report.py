@@ -12,15 +12,16 @@ from tsbench.cli.console import bars, table_console
 from tsbench.report.tables.compare_runs import compare_runs, flips_csv, print_comparison
 from tsbench.run.log.read import is_run
 
+_LARGEST = "Largest size of the file; players are left out, violations last."
+
 
 @click.command()
 @options.runs
 @options.out("Default: report.html in the run, or here for several.", type=options.FILE)
 @options.allow_partial
 @click.option(
-    "--max-mb", type=click.FloatRange(min=0.1), default=20.0, show_default=True, metavar="MB",
-    help="Largest size of the file; players are left out, violations last.",
-)  # fmt: skip
+    "--max-mb", type=click.FloatRange(min=0.1), default=20.0, show_default=True, metavar="MB", help=_LARGEST
+)
 @options.workers
 def report(runs: tuple[Path, ...], out: Path | None, **asked: Any) -> None:
     """Write one self-contained HTML page about RUNs: all figures, all episodes, and a player for those with a trace.

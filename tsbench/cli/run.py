@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
 
 # Of `tsbench oracle collect` too.
+_LISTENER = f"Who is told how the run goes, such as a tracker: {', '.join(KNOWN)}, or one of your own."
 which_variants = options.choice(
     "--variants", VARIANTS, "all", "The nominal variant, all, or one drawn for each map."
 )
@@ -86,9 +87,8 @@ which_half = options.choice(
 )
 @options.allow_partial
 @click.option(
-    "--listener", "listeners", type=options.TEXT, multiple=True, metavar=options.PLANNER,
-    help=f"Who is told how the run goes, such as a tracker: {', '.join(KNOWN)}, or one of your own.",
-)  # fmt: skip
+    "--listener", "listeners", type=options.TEXT, multiple=True, metavar=options.PLANNER, help=_LISTENER
+)
 def run(**given: Any) -> None:
     """Run planners on scenarios and score them; the same command again continues an interrupted run.
 

@@ -219,10 +219,8 @@ def codes(out: Path) -> None:
 
 
 # Of `Skill`, with heads that leave 80 columns for the types' names.
-_SHARES = {
-    "arrived": "ar-\nrived", "collision": "col-\nlision", "off_road": "off\nroad", "timeout": "time-\nout",
-    "compliant": "com-\nplied", "scd": "SCD",
-}  # fmt: skip
+_SHARES = {"arrived": "ar-\nrived", "collision": "col-\nlision", "off_road": "off\nroad"}
+_SHARES |= {"timeout": "time-\nout", "compliant": "com-\nplied", "scd": "SCD"}
 
 
 @train.command(short_help="How plant2's, plant2-ft's or plant2-blind's weights drive on kept-out maps.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -54,11 +54,8 @@ class Claim:
 def claim_of(path: Path) -> Claim:
     """What a submission says. Raises InputError as `read_submission` does."""
     s = read_submission(path)
-    return Claim(
-        path=path, sha256=s.sha256, title=s.title, tsbench=s.tsbench, edition=s.edition, contract=s.contract,
-        city=s.city, split=s.split, planner=s.planner, device=s.device, arithmetic=s.arithmetic,
-        perception=Perception(level=s.perception), figures=s.figures, episodes=s.episodes,
-    )  # fmt: skip
+    same = {f.name: getattr(s, f.name) for f in fields(Claim) if f.name not in ("path", "perception")}
+    return Claim(path=path, perception=Perception(level=s.perception), **same)
 
 
 def claims_of(folder: Path) -> list[Claim]:

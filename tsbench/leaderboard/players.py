@@ -118,12 +118,9 @@ class _Table:
     def add(self, label: str, spec: ScenarioSpec, failure: str, told: str) -> int:
         """A new row; its number."""
         number = len(self._values["planner"])
-        row = {
-            "planner": label, "scenario_type": spec.pair_type, "half": spec.half, "failure": failure, "told": told,
-            "scenario_id": spec.scenario_id, "playable": True, "partner": None,
-        }  # fmt: skip
-        for name, value in row.items():
-            self._values[name].append(value)
+        row = (label, spec.pair_type, spec.half, failure, told, spec.scenario_id, True, None)
+        for values, value in zip(self._values.values(), row, strict=True):
+            values.append(value)
         other = self._halves.setdefault((label, spec.pair_name), number)
         if other != number:
             self._values["partner"][number], self._values["partner"][other] = other, number

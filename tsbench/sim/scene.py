@@ -146,10 +146,9 @@ class Scene(SceneLayout):
     def _problem(self, params: PlateParams) -> str | None:
         """Which name in some params is that of nothing in this scene, in words."""
         network = self.network
-        known: dict[str, Container[str]] = {
-            "edge": network.edges, "lane": network.lane_index, "junction": network.junctions,
-            "crossing": network.crossings, "obstacle": {o.id for o in self.obstacles},
-        }  # fmt: skip
+        known: dict[str, Container[str]] = {"edge": network.edges, "lane": network.lane_index}
+        known |= {"junction": network.junctions, "crossing": network.crossings}
+        known["obstacle"] = {o.id for o in self.obstacles}
         kinds = {f.name: f.metadata.get(NAMES, "") for f in fields(params)}
         for key, names in params.named().items():
             for name in names:

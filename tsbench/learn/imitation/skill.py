@@ -74,13 +74,10 @@ def skill_of(ends: Sequence[End]) -> Skill:
     if broken:
         raise SimulationError(f"validation: {len(broken)} episodes broke off, the first by: {broken[0]}")
     count = max(len(ends), 1)
-    share = {kind: sum(end.outcome == kind for end in ends) / count for kind in Outcome}
-    return Skill(
-        episodes=len(ends), arrived=share[Outcome.ARRIVED], collision=share[Outcome.COLLISION],
-        off_road=share[Outcome.OFF_ROAD], timeout=share[Outcome.TIMEOUT],
-        scd=sum(end.outcome is Outcome.ARRIVED and end.obeyed for end in ends) / count,
-        compliant=sum(end.obeyed for end in ends) / count,
-    )  # fmt: skip
+    ways = (Outcome.ARRIVED, Outcome.COLLISION, Outcome.OFF_ROAD, Outcome.TIMEOUT)
+    share = {str(way): sum(end.outcome == way for end in ends) / count for way in ways}
+    scd = sum(end.outcome is Outcome.ARRIVED and end.obeyed for end in ends) / count
+    return Skill(episodes=len(ends), scd=scd, compliant=sum(end.obeyed for end in ends) / count, **share)
 
 
 def _drive(

@@ -45,9 +45,8 @@ KIND = "oracle"
 RULES, LEARNED = "rules", "learned"
 _JOURNAL, _TRIES = "journal.jsonl", "tries.parquet"
 _PARTS = {"row", "events", "timing", "trace"}
-_ROW = {
-    "planner", "scenario_id", "outcome", "error", "scd", "tries", "commands", "intents", "scenario", "code",
-}  # fmt: skip
+_ROW = {"planner", "scenario_id", "outcome", "error", "scd", "tries", "commands", "intents"}
+_ROW |= {"scenario", "code"}
 _OUTDATED = "of a scenario or an expert that has changed"
 
 

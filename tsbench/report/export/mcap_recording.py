@@ -162,9 +162,14 @@ def _plate(plate: DrawnPlate, now: Timestamp | None) -> SceneEntity:
 
 _TICK_NS = round(DT_S * 1e9)
 _EGO_FIELDS = {
-    "speed": "m/s", "acceleration": "m/s2", "steering": "rad", "yaw_rate": "rad/s", "x": "m", "y": "m",
-    "heading": "rad", "s": "m along the lane", "d": "m left of the lane's middle",
-}  # fmt: skip
+    "speed": "m/s",
+    "acceleration": "m/s2",
+    "steering": "rad",
+    "yaw_rate": "rad/s",
+    "x": "m",
+    "y": "m",
+}
+_EGO_FIELDS |= {"heading": "rad", "s": "m along the lane", "d": "m left of the lane's middle"}
 _EGO_SCHEMA: dict[str, Any] = {
     "type": "object",
     "title": "tsbench.Ego",

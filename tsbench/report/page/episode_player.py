@@ -128,14 +128,13 @@ def _about(trace: Trace) -> dict[str, Any]:
         for verdict, target in verdicts
         for event in verdict_to_dict(verdict)["violations"]
     ]
-    return {
-        "planner": trace.planner, "scenario": spec.scenario_id, "half": spec.half, "title": episode_title(trace),
-        "subtitle": episode_subtitle(trace), "plate": plate_key(spec.sign_code, spec.sign_value),
-        "outcome": str(trace.outcome), "error": trace.error,
-        "engaged": trace.target.engaged, "compliant": trace.target.compliant,
-        "partner": None if trace.contact is None else trace.contact.partner,
-        "events": sorted(events, key=lambda e: (e["start_s"], not e["target"])),
-    }  # fmt: skip
+    told = {"planner": trace.planner, "scenario": spec.scenario_id, "half": spec.half}
+    told |= {"title": episode_title(trace), "subtitle": episode_subtitle(trace)}
+    told |= {"plate": plate_key(spec.sign_code, spec.sign_value), "outcome": str(trace.outcome)}
+    judged = {"engaged": trace.target.engaged, "compliant": trace.target.compliant}
+    partner = None if trace.contact is None else trace.contact.partner
+    events.sort(key=lambda e: (e["start_s"], not e["target"]))
+    return {**told, "error": trace.error, **judged, "partner": partner, "events": events}
 
 
 def _gap(scene: Scene) -> float | None:

@@ -185,14 +185,12 @@ def drawing(shapes: Iterable[Shape]) -> dict[str, Any]:
                     _body_dict(shape.kind, shape.x, shape.y, shape.heading, shape.length, shape.width)
                 )
             case DrawnPlate():
-                plates.append({
-                    "x": round(shape.x, 2), "y": round(shape.y, 2), "ax": round(float(shape.away[0]), 3),
-                    "ay": round(float(shape.away[1]), 3), "clear": round(shape.clear, 1),
-                    "plate": plate_key(shape.code, shape.value), "below": shape.below, "target": shape.target,
-                })  # fmt: skip
-    return {
-        "unit": UNIT_M, "x0": 0, "y0": 0, "areas": areas, "lines": lines, "plates": plates, "bodies": bodies,
-    }  # fmt: skip
+                place = {"x": round(shape.x, 2), "y": round(shape.y, 2), "ax": round(float(shape.away[0]), 3)}
+                place |= {"ay": round(float(shape.away[1]), 3), "clear": round(shape.clear, 1)}
+                own = {"plate": plate_key(shape.code, shape.value), "below": shape.below}
+                plates.append({**place, **own, "target": shape.target})
+    drawn = {"areas": areas, "lines": lines, "plates": plates, "bodies": bodies}
+    return {"unit": UNIT_M, "x0": 0, "y0": 0, **drawn}
 
 
 def _parts(shape: shapely.Geometry) -> list[shapely.Geometry]:

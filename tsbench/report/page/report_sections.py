@@ -59,10 +59,9 @@ def show(analysis: Analysis, *, heat: bool = False, figure: bool = True, fold: b
         if half := _HALF_OF.get(_text(table, row.cells, "score")):
             wanted["half"] = half
         rows.append({"faint": row.faint, "starts": row.starts, "cells": cells, "wanted": wanted})
-    return {
-        "title": analysis.title, "columns": columns, "rows": rows, "notes": (*analysis.notes, *_without(table)),
-        "figures": drawn, "fold": fold, "heat": heat, "fixed": table.fixed,
-    }  # fmt: skip
+    notes = (*analysis.notes, *_without(table))
+    shown = {"title": analysis.title, "columns": columns, "rows": rows, "notes": notes, "figures": drawn}
+    return {**shown, "fold": fold, "heat": heat, "fixed": table.fixed}
 
 
 def _column(column: Column) -> dict[str, Any]:

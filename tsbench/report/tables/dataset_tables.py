@@ -73,10 +73,8 @@ def dataset_tables(
 def axes_table(axes: Sequence[TypeAxes]) -> Analysis:
     """In what a type's rows differ."""
     counts = {"plates": "plates and values", "speeds": "initial speeds", "densities": "densities"}
-    means = {
-        "distractors": "sets of distractors", "lanes": "start lanes", "destinations": "destinations",
-        "approaches": "approaches", "lengths": "route lengths",
-    }  # fmt: skip
+    means = {"distractors": "sets of distractors", "lanes": "start lanes", "destinations": "destinations"}
+    means |= {"approaches": "approaches", "lengths": "route lengths"}
     shares = {"apart": "apart", "apart_bare": "apart without distractors"}
     columns = (
         *text_columns("type", "split"),

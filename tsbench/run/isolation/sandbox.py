@@ -144,10 +144,8 @@ def sandbox_arguments(maker: _Maker, binds: Sequence[tuple[str, str]], covers: S
 
     binds: (source, place), parents first. covers: what is empty in them.
     """
-    found = [
-        maker.bwrap, *_APART, *(_BY_ROOT if maker.as_root else _BY_USER), "--hostname", "sandbox",
-        "--die-with-parent", "--new-session", "--chdir", _HOME, "--dev", "/dev", "--proc", "/proc",
-    ]  # fmt: skip
+    found = [maker.bwrap, *_APART, *(_BY_ROOT if maker.as_root else _BY_USER), "--hostname", "sandbox"]
+    found += ["--die-with-parent", "--new-session", "--chdir", _HOME, "--dev", "/dev", "--proc", "/proc"]
     # Before the binds, which may lie in them.
     for place in _WRITABLE:
         found += ["--perms", "1777", "--size", str(SCRATCH_MB << 20), "--tmpfs", place]
