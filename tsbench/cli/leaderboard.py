@@ -24,7 +24,7 @@ from tsbench.leaderboard.verification import ClaimVerdict, Verification
 from tsbench.leaderboard.verification import verify as run_verify
 from tsbench.run.isolation.image import image_of, in_image
 
-_SEED = click.IntRange(0, 2**63 - 1)
+_SEED, _DRAWN = click.IntRange(0, 2**63 - 1), "Of the draw: your own choice, made after the submission."
 
 
 @click.command()
@@ -79,13 +79,7 @@ def submit(folder: Path, planner: str | None, traces: int, out: Path | None, **t
     "--of", "name", metavar="NAME", help="Of a run: this planner's episodes only.  [default: of each]"
 )
 @options.count("--sample", default=100, help="Episodes to drive, of each planner.")
-@click.option(
-    "--seed",
-    type=_SEED,
-    required=True,
-    metavar="N",
-    help="Of the draw: your own choice, made after the submission.",
-)
+@click.option("--seed", type=_SEED, required=True, metavar="N", help=_DRAWN)
 @click.option(
     "--shared-process",
     is_flag=True,

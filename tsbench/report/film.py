@@ -7,6 +7,7 @@ import subprocess
 from collections.abc import Iterable, Iterator
 from dataclasses import astuple
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -43,6 +44,7 @@ _ENCODER = shlex.split(
     "-c:v libx264 -preset ultrafast -qp 18 -threads 1 -filter_threads 1 -fps_mode passthrough -movflags +faststart "
     "-x264-params colormatrix=smpte170m:colorprim=smpte170m:transfer=smpte170m"
 )
+_GIF: dict[str, Any] = {"format": "GIF", "save_all": True, "loop": 0, "optimize": False, "disposal": 1}
 
 
 def film(
@@ -180,11 +182,8 @@ def save_gif(path: Path, pages: Iterable[Image], durations: Iterable[float]) -> 
         frame.putpalette(palette.getpalette() or [])
         frames.append(frame)
     with io_errors_as_input_errors(path), replacing(path) as part:
-        frames[0].save(
-            part, format="GIF", save_all=True, append_images=frames[1:],
-            duration=[round(1000 * s) for s in durations], loop=0, optimize=False,
-            transparency=_CLEAR, disposal=1,
-        )  # fmt: skip
+        times = [round(1000 * s) for s in durations]
+        frames[0].save(part, **_GIF, append_images=frames[1:], duration=times, transparency=_CLEAR)
 
 
 def _durations(trace: Trace, span: tuple[int, int] | None) -> list[float]:

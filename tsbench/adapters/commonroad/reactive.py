@@ -226,16 +226,17 @@ class _Frame:
 def _configuration() -> Any:
     """The planner's defaults, for tsbench's ego, in one process, with a horizon of 4 s."""
     axle = EGO.wheelbase / 2
+    turns = {"delta_min": -EGO.steering, "delta_max": EGO.steering}
+    turns |= {"v_delta_min": -EGO.steering_rate, "v_delta_max": EGO.steering_rate}
+    vehicle = VehicleConfiguration(
+        length=EGO.length, width=EGO.width, wb_front_axle=axle, wb_rear_axle=axle, a_max=EGO.braking, **turns
+    )
     return ReactivePlannerConfiguration(
-        vehicle=VehicleConfiguration(
-            length=EGO.length, width=EGO.width, wb_front_axle=axle, wb_rear_axle=axle, a_max=EGO.braking,
-            delta_min=-EGO.steering, delta_max=EGO.steering,
-            v_delta_min=-EGO.steering_rate, v_delta_max=EGO.steering_rate,
-        ),
+        vehicle=vehicle,
         planning=PlanningConfiguration(time_steps_computation=STEPS, replanning_frequency=EVERY),
         sampling=SamplingConfiguration(num_sampling_levels=_LEVELS),
         debug=DebugConfiguration(multiproc=False, logging_level="CRITICAL"),
-    )  # fmt: skip
+    )
 
 
 def _problem(o: Observation, speed: float) -> Any:

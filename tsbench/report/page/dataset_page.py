@@ -61,14 +61,13 @@ def pack_places(rows: Sequence[ScenarioSpec]) -> bytes:
     for row in rows:
         types[row.map_id].add(row.scenario_type)
         splits[row.map_id] = row.split
-    used = [
-        {
-            "id": name, "x": int(x[k]), "y": int(y[k]), "lat": round(column["lat"][k], 5),
-            "lon": round(column["lon"][k], 5), "road": column["road_class"][k], "source": column["source"][k],
-            "split": splits[name], "types": sorted(types[name]),
-        }
-        for name, k in ((name, place[name]) for name in sorted(types))
-    ]  # fmt: skip
+    used = []
+    for name in sorted(types):
+        k = place[name]
+        spot: dict[str, Any] = {"id": name, "x": int(x[k]), "y": int(y[k])}
+        spot |= {"lat": round(column["lat"][k], 5), "lon": round(column["lon"][k], 5)}
+        spot |= {"road": column["road_class"][k], "source": column["source"][k]}
+        used.append({**spot, "split": splits[name], "types": sorted(types[name])})
     header = {"unit": unit, "sources": _sources(column["source"], x, y), "used": used}
     order = np.lexsort((y, x))
     return pack(header, {"x": x[order], "y": y[order]})

@@ -194,14 +194,12 @@ def _motion(trace: Trace, track: Array) -> tuple[dict[str, Any], dict[str, npt.N
         for row, (name, size) in enumerate(zip(table.ids, sizes, strict=True))
     ]
     pieces = [[t.index, t.first, n] for t, n in zip(tracks, lengths, strict=True)]
-    parts = {
-        "dt": DT_S, "ticks": len(snapshots), "start": snapshots[0].time, "ego": [EGO_LENGTH_M, EGO_WIDTH_M],
-        "actors": actors, "pieces": pieces, "plans": [[tick, len(plan)] for tick, plan in told],
-        "middle": middle.tolist(), "farthest_s": FARTHEST_S,
-        "units": {
-            "m": unit, "plan": _PLAN_UNITS * unit, "rad": _UNIT_RAD, "mps": _UNIT_MPS, "mps2": _UNIT_MPS2, "s": _UNIT_S,
-        },
-    }  # fmt: skip
+    units = {"m": unit, "plan": _PLAN_UNITS * unit, "rad": _UNIT_RAD}
+    units |= {"mps": _UNIT_MPS, "mps2": _UNIT_MPS2, "s": _UNIT_S}
+    parts: dict[str, Any] = {"dt": DT_S, "ticks": len(snapshots), "start": snapshots[0].time}
+    parts |= {"ego": [EGO_LENGTH_M, EGO_WIDTH_M], "actors": actors, "pieces": pieces}
+    parts |= {"plans": [[tick, len(plan)] for tick, plan in told], "middle": middle.tolist()}
+    parts |= {"farthest_s": FARTHEST_S, "units": units}
     return parts, arrays
 
 

@@ -72,9 +72,8 @@ def put_counts(axes: Any, texts: Sequence[str], head: str = "", size: int = 7) -
     right.tick_params(length=0, labelsize=size)
     right.spines["right"].set_visible(False)
     if head:
-        axes.annotate(
-            head, (1.0, 1.0), (4, 3), xycoords="axes fraction", textcoords="offset points", fontsize=size, color=GREY,
-        )  # fmt: skip
+        frames = {"xycoords": "axes fraction", "textcoords": "offset points"}
+        axes.annotate(head, (1.0, 1.0), (4, 3), **frames, fontsize=size, color=GREY)
     return right
 
 

@@ -124,7 +124,7 @@ class PageMaker:
         broken, obeyed = drives.broken, drives.obeyed
         scene = load_scene(broken.spec)
         folder = self.out / "pictures"
-        _save_small(folder / f"{type_id}.png", moment(broken, scene))
+        _save_small(folder / f"{type_id}.png", moment(broken, scene, None))
         films = {"violation": broken, "pass": obeyed, "contrast": drives.kept, "repeated": drives.repeated}
         for name, trace in films.items():
             if trace is not None:
