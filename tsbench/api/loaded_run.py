@@ -105,10 +105,14 @@ class Run:
         stored = self._stored
         return summary_frame(
             summarise(
-                stored.episodes, contract_hash=stored.contract, edition=stored.edition, asked=stored.asked,
-                marks=marks_of(stored.manifest), allow_partial=allow_partial,
+                stored.episodes,
+                contract_hash=stored.contract,
+                edition=stored.edition,
+                asked=stored.asked,
+                marks=marks_of(stored.manifest),
+                allow_partial=allow_partial,
             )
-        )  # fmt: skip
+        )
 
     @keywords()
     def compare(

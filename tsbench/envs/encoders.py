@@ -53,9 +53,12 @@ class BevSeen(RasterEncoder):
 
 
 KINDS: dict[str, Callable[[], ObservationEncoder]] = {
-    "vector": VectorSeen, "bev": BevSeen, "objects": ObjectsSeen, "scene": SceneSeen,
+    "vector": VectorSeen,
+    "bev": BevSeen,
+    "objects": ObjectsSeen,
+    "scene": SceneSeen,
     "plates": partial(SceneSeen, lanes=False),
-}  # fmt: skip
+}
 
 
 _FASTEST_MPS, _GAIN_PER_S = 25.0, 1.0

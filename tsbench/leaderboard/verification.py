@@ -249,9 +249,13 @@ def _draw(claim: Claim, table: Sequence[ScenarioSpec], sample: int, seed: int) -
 
 
 def _drive(
-    planner: str, claim: Claim, specs: Sequence[ScenarioSpec], isolated: bool, workers: int | None,
+    planner: str,
+    claim: Claim,
+    specs: Sequence[ScenarioSpec],
+    isolated: bool,
+    workers: int | None,
     on_progress: Callable[[int, int], None],
-) -> tuple[PlannerInfo, list[SubmittedEpisode]]:  # fmt: skip
+) -> tuple[PlannerInfo, list[SubmittedEpisode]]:
     """What the planner is, and what becomes of the episodes here, in the order of their ids."""
     done: list[SubmittedEpisode] = []
 

@@ -120,11 +120,15 @@ class _MapBuilder:
         for connection in connections:
             outgoing[connection.from_lane].append(connection)
         roads = RoadMap(
-            lanes=tuple(self.lanes), lane_index=MappingProxyType({lane.id: lane.index for lane in self.lanes}),
-            edges=MappingProxyType(self.edges), junctions=MappingProxyType(self._junctions()),
-            connections=tuple(connections), outgoing=tuple(tuple(c) for c in outgoing),
-            crossings=MappingProxyType(dict(self._crossings())), left_hand=self.network.left_hand,
-        )  # fmt: skip
+            lanes=tuple(self.lanes),
+            lane_index=MappingProxyType({lane.id: lane.index for lane in self.lanes}),
+            edges=MappingProxyType(self.edges),
+            junctions=MappingProxyType(self._junctions()),
+            connections=tuple(connections),
+            outgoing=tuple(tuple(c) for c in outgoing),
+            crossings=MappingProxyType(dict(self._crossings())),
+            left_hand=self.network.left_hand,
+        )
         lane_of = np.array([place.lane for place in (*self.places, _NOWHERE)], dtype=np.int32)
         lane_of.setflags(write=False)
         of_edge = MappingProxyType({edge: self.places[lanes[0]] for edge, lanes in self.parts.items()})

@@ -238,9 +238,13 @@ def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], options: O
     summary = None
     if not holes or options.allow_partial:
         summary = summarise(
-            episodes, contract_hash=contract, edition=folder.manifest["edition"], asked=asked,
-            marks=marks_of(folder.manifest), allow_partial=options.allow_partial,
-        )  # fmt: skip
+            episodes,
+            contract_hash=contract,
+            edition=folder.manifest["edition"],
+            asked=asked,
+            marks=marks_of(folder.manifest),
+            allow_partial=options.allow_partial,
+        )
     return RunResult(
         folder.path, status, sum(asked.values()), len(episodes), count_errors(episodes), contract, summary
     )

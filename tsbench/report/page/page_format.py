@@ -45,9 +45,13 @@ BASE_SCRIPTS = ("core.js", "table.js", "bev.js")
 def environment() -> Environment:
     """Templates, HTML with escaping on; a name that is not given is an error."""
     return Environment(
-        loader=PackageLoader(_PACKAGE), autoescape=select_autoescape(["html"]), undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
-    )  # fmt: skip
+        loader=PackageLoader(_PACKAGE),
+        autoescape=select_autoescape(["html"]),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
 
 
 def render_page(
