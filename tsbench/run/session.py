@@ -118,11 +118,10 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
                 )
             status, journal = "complete", folder.journal
             if journal is not None:
-                setup = Setup(
-                    planners, perception, options.device, options.trace, str(folder.path.resolve()),
-                    plan.request.split, contract, runner=options.runner,
-                    loader=ISOLATED if options.isolate else "", hidden=hidden,
-                )  # fmt: skip
+                place, split = str(folder.path.resolve()), plan.request.split
+                given = (planners, perception, options.device, options.trace, place, split, contract)
+                loader = ISOLATED if options.isolate else ""
+                setup = Setup(*given, runner=options.runner, loader=loader, hidden=hidden)
 
                 def keep(record: Record) -> None:
                     folder.keep(record)
