@@ -146,10 +146,16 @@ class MetaDriveEyes:
         outer = sum(other.width for other in beside if other.order < lane.order) + lane.width / 2
         left, right = (outer - d, inner + d) if self._network.left_hand else (inner - d, outer + d)
         return [
-            left / _ROAD_M, right / _ROAD_M, 0.5 - 0.5 * math.sin(ego.heading - heading),
-            (3.6 * ego.speed + 1.0) / (_TOP_KMH + 1.0), (last[0] + 1.0) / 2.0, (last[0] + 1.0) / 2.0,
-            (last[1] + 1.0) / 2.0, abs(ego.yaw_rate), (1.0 - 2.0 * d / _LANE_M) / 2.0,
-        ]  # fmt: skip
+            left / _ROAD_M,
+            right / _ROAD_M,
+            0.5 - 0.5 * math.sin(ego.heading - heading),
+            (3.6 * ego.speed + 1.0) / (_TOP_KMH + 1.0),
+            (last[0] + 1.0) / 2.0,
+            (last[0] + 1.0) / 2.0,
+            (last[1] + 1.0) / 2.0,
+            abs(ego.yaw_rate),
+            (1.0 - 2.0 * d / _LANE_M) / 2.0,
+        ]
 
     def _navigation(self, o: Observation) -> list[float]:
         path, s = o.route.path, o.route.s

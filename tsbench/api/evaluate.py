@@ -97,8 +97,9 @@ def evaluate(
         raise InputError("split: name one (split=…), here or in the section [run] of tsbench.toml")
     given = planner if isinstance(planner, list | tuple) else [planner]
     told = listeners_of(listeners)
-    request = Request(tuple(map(spec_of, given)), split, type_words("--types", types),
-                      None if limit is None else whole_number("--limit", limit), variants, half)  # fmt: skip
+    names, words = tuple(map(spec_of, given)), type_words("--types", types)
+    most = None if limit is None else whole_number("--limit", limit)
+    request = Request(names, split, words, most, variants, half)
     options = Options(
         request=request, workers=None if workers is None else whole_number("--workers", workers), executor=executor,
         out=None if out is None else path_of("--out", out), trace=trace, device=device,

@@ -13,6 +13,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.episode.trace import find_trace, read_trace
 from tsbench.metrics.aggregate import summarise
+from tsbench.report.tables.compare_runs import match, side_of
 from tsbench.run.arguments import path_of
 from tsbench.run.log.manifest import marks_of
 from tsbench.run.log.read import read_run
@@ -104,10 +105,14 @@ class Run:
         stored = self._stored
         return summary_frame(
             summarise(
-                stored.episodes, contract_hash=stored.contract, edition=stored.edition, asked=stored.asked,
-                marks=marks_of(stored.manifest), allow_partial=allow_partial,
+                stored.episodes,
+                contract_hash=stored.contract,
+                edition=stored.edition,
+                asked=stored.asked,
+                marks=marks_of(stored.manifest),
+                allow_partial=allow_partial,
             )
-        )  # fmt: skip
+        )
 
     @keywords()
     def compare(
@@ -118,8 +123,6 @@ class Run:
 
         Raises InputError, unless forced, for different contracts or scenarios.
         """
-        from tsbench.report.tables.compare_runs import match, side_of
-
         for run, name, keyword in ((self, planner, "planner"), (other, other_planner, "other_planner")):
             if name is None and len(run.planners) != 1:
                 names = ", ".join(run.planners)

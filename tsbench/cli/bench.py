@@ -10,9 +10,10 @@ from rich.console import Console
 
 from tsbench.cli import options
 from tsbench.cli.console import print_table
-from tsbench.cli.options import FILE, POSITIVE
+from tsbench.cli.options import FILE, POSITIVE, Words
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_json
+from tsbench.tools import benches
 
 
 @click.command()
@@ -29,9 +30,8 @@ from tsbench.core.files import write_json
 @click.option("--fresh", is_flag=True, help="What it costs that an episode begins afresh, and nothing else.")
 @options.planners("With --isolation: planner to measure (default: idm and idm-e)")
 def bench(
-    limit: int, rounds: int, json_path: Path | None, networks: bool, env: bool, isolation: bool,
-    fresh: bool, planners: tuple[str, ...],
-) -> None:  # fmt: skip
+    limit: int, rounds: int, json_path: Path | None, isolation: bool, planners: Words, **only: bool
+) -> None:
     """Measure bare SUMO, ego and snapshot, and the whole tick, on the same scenes in one run."""
     if planners and not isolation:
         raise InputError(
@@ -40,20 +40,18 @@ def bench(
     if isolation:
         _isolation(planners, limit, rounds, json_path)
         return
-    if fresh:
+    if only["fresh"]:
         _fresh(limit, rounds, json_path)
         return
-    if env:
+    if only["env"]:
         _environment(rounds, json_path)
         return
-    if networks:
+    if only["networks"]:
         _networks(json_path)
         return
-    from tsbench.tools.benches import run_bench
-
     console = Console()
     with console.status("choosing scenes") as status:
-        result = run_bench(limit, rounds, lambda text: status.update(text))
+        result = benches.run_bench(limit, rounds, lambda text: status.update(text))
     full = result.full_ticks_per_s
     loops = {
         "bare libsumo step": result.bare_ticks_per_s,
@@ -71,16 +69,14 @@ def bench(
 
 
 def _isolation(planners: tuple[str, ...], limit: int, rounds: int, json_path: Path | None) -> None:
-    from tsbench.tools.benches import GOAL_US, PLANNERS, bench_isolation
-
-    found = bench_isolation(planners or PLANNERS, limit, rounds)
+    found = benches.bench_isolation(planners or benches.PLANNERS, limit, rounds)
     rows = []
     for one in found:
         more = one.difference_us
         told = (
             ("-", "-", "-")
             if more is None
-            else (f"{one.together_us:.0f}", f"{more:.0f}", "met" if more <= GOAL_US else "not met")
+            else (f"{one.together_us:.0f}", f"{more:.0f}", "met" if more <= benches.GOAL_US else "not met")
         )
         rows.append((one.planner, told[0], f"{one.isolated_us:.0f}", *told[1:], f"{one.apart_us:.0f}"))
     heads = (
@@ -88,7 +84,7 @@ def _isolation(planners: tuple[str, ...], limit: int, rounds: int, json_path: Pa
         "µs together",
         "µs isolated",
         "difference",
-        f"goal: {GOAL_US:.0f}",
+        f"goal: {benches.GOAL_US:.0f}",
         "µs on another processor",
     )
     print_table(heads, rows, title="median time of an answer")
@@ -97,27 +93,23 @@ def _isolation(planners: tuple[str, ...], limit: int, rounds: int, json_path: Pa
 
 
 def _fresh(limit: int, rounds: int, json_path: Path | None) -> None:
-    from tsbench.tools.benches import GOAL_MS, bench_fresh
-
-    price = bench_fresh(limit, rounds)
-    met = "met" if price.difference_ms <= GOAL_MS else "not met"
+    price = benches.bench_fresh(limit, rounds)
+    met = "met" if price.difference_ms <= benches.GOAL_MS else "not met"
     figures = (f"{ms:.1f}" for ms in (price.together_ms, price.in_child_ms, price.difference_ms))
-    heads = ("ms in the worker", "ms in a child", "difference", f"goal: {GOAL_MS:.0f}")
+    heads = ("ms in the worker", "ms in a child", "difference", f"goal: {benches.GOAL_MS:.0f}")
     print_table(heads, [(*figures, met)], title="processor time of an episode")
     if json_path is not None:
         write_json(json_path, asdict(price))
 
 
 def _networks(json_path: Path | None) -> None:
-    from tsbench.tools.benches import WHOLE, bench_networks, bench_whole
-
-    found = list(bench_networks())
+    found = list(benches.bench_networks())
     rows = [(name, f"{alone:.2f}", f"{together:.2f}") for name, alone, together in found]
     print_table(("network", "ms alone", "ms each of eight"), rows, title="CPU time of an answer")
-    whole = bench_whole()
-    Console().print(f"a tick of {WHOLE}'s whole episodes: {whole:.2f} ms of CPU")
+    whole = benches.bench_whole()
+    Console().print(f"a tick of {benches.WHOLE}'s whole episodes: {whole:.2f} ms of CPU")
     figures = {name: {"alone_ms": round(a, 4), "of_eight_ms": round(b, 4)} for name, a, b in found}
-    figures[WHOLE]["tick_ms"] = round(whole, 4)
+    figures[benches.WHOLE]["tick_ms"] = round(whole, 4)
     if json_path is not None:
         write_json(json_path, figures)
 

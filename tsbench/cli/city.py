@@ -129,6 +129,9 @@ def _show_country(code: str, country: Country | None) -> None:
     )
 
 
+_EXTRACT = "An extract that is there, or the folder to fetch one into.  [default: sumo_nets/sources]"
+
+
 @city.command()
 @click.argument("name")
 @options.box_or_file
@@ -138,10 +141,7 @@ def _show_country(code: str, country: Country | None) -> None:
 @click.option("--title", metavar="TEXT", help="A line for tables.  [default: NAME]")
 @click.option("--ground", is_flag=True, help="Also fetch buildings, greenery and water, for pictures.")
 @click.option("--address", metavar="TEXT", help="Where FILE can be had.  [default: its name]")
-@click.option(
-    "--osm", "osm", type=options.PATH, metavar="FILE|DIR",
-    help="An extract that is there, or the folder to fetch one into.  [default: sumo_nets/sources]",
-)  # fmt: skip
+@click.option("--osm", "osm", type=options.PATH, metavar="FILE|DIR", help=_EXTRACT)
 def new(
     name: str,
     bbox: str | None,

@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
@@ -17,10 +16,8 @@ from rich.table import Table
 
 from tsbench.core.streams import progress_console
 from tsbench.core.text import written_out
+from tsbench.report.analyses.analysis import Analysis, print_analysis, write_analysis
 from tsbench.run.run_progress import LINE_EVERY_S
-
-if TYPE_CHECKING:
-    from tsbench.report.analyses.analysis import Analysis
 
 _LOG_WIDTH = 160
 
@@ -90,8 +87,6 @@ def print_notes(notes: Iterable[str]) -> None:
 
 def show_analysis(analysis: Analysis, out: Path | None, *, printed: bool = True) -> None:
     """Print an analysis, write its files below a folder and name them."""
-    from tsbench.report.analyses.analysis import print_analysis, write_analysis
-
     if printed:
         print_analysis(analysis, table_console())
     for path in write_analysis(analysis, out) if out is not None else ():

@@ -16,7 +16,7 @@ from tsbench.cli import EXIT_FAILED, options
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import check_driven
-from tsbench.episode.perception_level import EXACT, EXACTLY, Perception, load_level
+from tsbench.episode.perception_level import EXACTLY, Perception, load_level
 from tsbench.run.isolation.image import image_of
 from tsbench.run.log.manifest import planners_of
 from tsbench.run.log.read import read_run
@@ -28,16 +28,13 @@ from tsbench.run.log.read import read_run
 @click.option(
     "--planner",
     type=options.TEXT,
-    metavar="NAME|pkg.module:Class|file.py:Class",
+    metavar=options.PLANNER,
     help="Without a run: who drives.",
 )
 @click.option("--scenario", metavar="ID", help="Without a run: what is driven.")
 @options.split()
 @click.option("--mask-signs", is_flag=True, help="Remove sign identity from what the planner sees.")
-@click.option(
-    "--perception", type=options.TEXT, default=EXACT, show_default=True, metavar="exact|good|production|poor|FILE",
-    help="How well it perceives plates.",
-)  # fmt: skip
+@options.perception("How well it perceives plates.")
 @click.option("--at", type=float, metavar="S", help="Stop at this time.  [default: the end]")
 @options.png("Draw the moment at which it stops.")
 @click.option(

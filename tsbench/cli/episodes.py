@@ -12,6 +12,7 @@ import click
 
 from tsbench.cli import options
 from tsbench.cli.console import bars
+from tsbench.cli.options import Words
 from tsbench.core.errors import InputError
 from tsbench.report.episode_files import FORMATS as EXPORTS
 from tsbench.report.episode_files import (
@@ -33,9 +34,7 @@ def _selecting(command: Callable[..., None]) -> Callable[..., None]:
     """Arguments and options that name an episode or select many; the command gets them as `selection` and `workers`."""
 
     @functools.wraps(command)
-    def called(
-        violations: bool, types: tuple[str, ...], planners: tuple[str, ...], outcomes: tuple[str, ...], **others: Any
-    ) -> None:  # fmt: skip
+    def called(violations: bool, types: Words, planners: Words, outcomes: Words, **others: Any) -> None:
         command(selection=Selection(violations, types, planners, outcomes), **others)
 
     return options.several(

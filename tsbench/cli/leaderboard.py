@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 from urllib.parse import quote
 
 import click
@@ -18,10 +18,12 @@ from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.streams import progress_console
 from tsbench.leaderboard.claim import claim_of, claims_of
 from tsbench.leaderboard.submission import json_schema
+from tsbench.leaderboard.submit import make_submission
+from tsbench.leaderboard.verification import ClaimVerdict, Verification
+from tsbench.leaderboard.verification import verify as run_verify
 from tsbench.run.isolation.image import image_of, in_image
 
-if TYPE_CHECKING:
-    from tsbench.leaderboard.verification import Verification
+_SEED, _DRAWN = click.IntRange(0, 2**63 - 1), "Of the draw: your own choice, made after the submission."
 
 
 @click.command()
@@ -35,25 +37,20 @@ if TYPE_CHECKING:
 @click.option(
     "--shared-process", is_flag=True, help="Take a run without --isolate; the row is then marked so."
 )
-@click.option(
-    "--copy-traces", "traces", type=click.IntRange(min=0), default=0, show_default=True, metavar="N",
+@options.count(
+    "--copy-traces",
+    "traces",
+    least=0,
+    default=0,
     help="Failures whose traces are copied beside the file, for the site to play.",
-)  # fmt: skip
+)
 @options.out("JSON file to write.  [default: <planner>-<split>[-<level>].json]", type=options.FILE)
-def submit(
-    folder: Path, planner: str | None, title: str, authors: str, url: str, note: str, third_party: bool,
-    shared_process: bool, traces: int, out: Path | None,
-) -> None:  # fmt: skip
+def submit(folder: Path, planner: str | None, traces: int, out: Path | None, **told: Any) -> None:
     """Check a RUN of a whole split and write its submission: figures, hashes, and a digest of each episode.
 
     The run is judged again from its traces. docs/leaderboard.md says where the file goes.
     """
-    from tsbench.leaderboard.submit import make_submission
-
-    made = make_submission(
-        folder, planner, title=title, authors=authors, url=url, note=note, third_party=third_party,
-        shared_process=shared_process,
-    )  # fmt: skip
+    made = make_submission(folder, planner, **told)
     level = "" if made.perception is None else f"-{quote(made.level, safe='')}"
     path = out or Path(f"{made.planner.name}-{made.split}{level}.json")
     with io_errors_as_input_errors(path):
@@ -80,18 +77,8 @@ def submit(
 @click.option(
     "--of", "name", metavar="NAME", help="Of a run: this planner's episodes only.  [default: of each]"
 )
-@click.option(
-    "--sample",
-    type=options.POSITIVE,
-    default=100,
-    show_default=True,
-    metavar="N",
-    help="Episodes to drive, of each planner.",
-)
-@click.option(
-    "--seed", type=click.IntRange(0, 2**63 - 1), required=True, metavar="N",
-    help="Of the draw: your own choice, made after the submission.",
-)  # fmt: skip
+@options.count("--sample", default=100, help="Episodes to drive, of each planner.")
+@click.option("--seed", type=_SEED, required=True, metavar="N", help=_DRAWN)
 @click.option(
     "--shared-process",
     is_flag=True,
@@ -101,16 +88,12 @@ def submit(
 @options.run_workers
 @options.out("JSON file to write the record to.", type=options.FILE)
 def verify(
-    claimed: Path, planner: str | None, image: str | None, name: str | None, sample: int, seed: int, verifier: str,
-    workers: int | None, shared_process: bool, out: Path | None,
-) -> None:  # fmt: skip
+    claimed: Path, planner: str | None, image: str | None, name: str | None, out: Path | None, **asked: Any
+) -> None:
     """Drive a sample of a SUBMISSION's or a RUN's episodes again and compare.
 
     Exit status 1 where it is refuted, 3 where the verdicts are equal and the bytes cannot be compared.
     """
-    from tsbench.leaderboard.verification import ClaimVerdict
-    from tsbench.leaderboard.verification import verify as run_verify
-
     claims = claims_of(claimed) if claimed.is_dir() else [claim_of(claimed)]
     if name is not None:
         names = ", ".join(claim.planner.name for claim in claims)
@@ -128,10 +111,11 @@ def verify(
         with Progress(console=console, transient=True) as bar:
             task = bar.add_task(f"driving {claim.title} again", total=None)
             found = run_verify(
-                claim, driven, sample=sample, seed=seed, verifier=verifier, workers=workers,
-                shared_process=shared_process,
+                claim,
+                driven,
                 on_progress=lambda done, of, bar=bar, task=task: bar.update(task, completed=done, total=of),  # type: ignore[misc]
-            )  # fmt: skip
+                **asked,
+            )
         if out is not None:
             with io_errors_as_input_errors(out):
                 write_atomic(out, found.to_json().encode())
@@ -166,10 +150,9 @@ def leaderboard() -> None:
 @leaderboard.command()
 @click.argument("folder", metavar="DIR", type=options.FOLDER)
 @options.out("Folder of the site.", default="build/leaderboard", type=options.FOLDER)
-@click.option(
-    "--players", type=click.IntRange(min=0), default=12, show_default=True, metavar="N",
-    help="Failures to watch, of each submission that has traces beside it.",
-)  # fmt: skip
+@options.count(
+    "--players", least=0, default=12, help="Failures to watch, of each submission that has traces beside it."
+)
 def build(folder: Path, out: Path, players: int) -> None:
     """Render the site from the JSON files below DIR; they may lie in any folders there.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,7 @@ import click
 from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
 from tsbench.core.paths import CITY, OWN_CITY, driven_city, expanded, expanded_text, using_city
+from tsbench.episode.perception_level import EXACT
 from tsbench.planners.common.batching import DEVICES
 from tsbench.run.plan import choose_types
 from tsbench.scenarios.table import SPLITS, read_table, splits_there, table_path
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from tsbench.scenarios.spec import ScenarioSpec
 
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]
+Words = tuple[str, ...]
 
 
 class UserPath(click.Path):
@@ -45,6 +47,7 @@ FILE = UserPath(dir_okay=False)
 FOLDER = UserPath(file_okay=False)
 TEXT = UserText()
 POSITIVE = click.IntRange(min=1)
+PLANNER = "NAME|pkg.module:Class|file.py:Class"
 
 
 def words_of(text: str) -> tuple[str, ...]:
@@ -104,11 +107,10 @@ def country(help: str) -> Option:
 
 
 def planners(help: str, *, required: bool = False, default: tuple[str, ...] = ()) -> Option:
-    return click.option(
-        "--planner", "planners", multiple=True, required=required, default=default, show_default=bool(default),
-        metavar="NAME|pkg.module:Class|file.py:Class", type=TEXT,
-        help=f"{help}; give it several times for several planners.",
-    )  # fmt: skip
+    several_times = f"{help}; give it several times for several planners."
+    names, shown = ("--planner", "planners"), bool(default)
+    given: dict[str, Any] = {"required": required, "default": default, "show_default": shown}
+    return click.option(*names, multiple=True, type=TEXT, metavar=PLANNER, help=several_times, **given)
 
 
 image = click.option(
@@ -122,10 +124,10 @@ def split(default: str | None = None, *, required: bool = False, made: bool = Fa
     """`--split` and `--city`. made: the command makes something of the split."""
     # A default of None would be a value to click, and nothing that is missing.
     given: dict[str, Any] = {} if required else {"default": default}
+    given["show_default"] = not required and (default or "all that are there")
     table = click.option(
-        "--split", type=click.Choice(SPLITS), required=required, help="Scenario table.",
-        show_default=not required and (default or "all that are there"), **given,
-    )  # fmt: skip
+        "--split", type=click.Choice(SPLITS), required=required, help="Scenario table.", **given
+    )
     return several(table, made_city if made else city)
 
 
@@ -138,6 +140,24 @@ def out(help: str, default: str | None = None, *, type: click.Path = PATH, requi
 
 def png(help: str) -> Option:
     return click.option("--png", type=FILE, metavar="FILE", help=help)
+
+
+def count(
+    *names: str, default: int, help: str, least: int = 1, most: int | None = None, metavar: str = "N"
+) -> Option:
+    kind = click.IntRange(least, most)
+    return click.option(*names, type=kind, default=default, show_default=True, metavar=metavar, help=help)
+
+
+def choice(name: str, values: Sequence[str], default: str, help: str | None = None) -> Option:
+    return click.option(name, type=click.Choice(values), default=default, show_default=True, help=help)
+
+
+def perception(help: str) -> Option:
+    levels = "exact|good|production|poor|FILE"
+    return click.option(
+        "--perception", type=TEXT, default=EXACT, show_default=True, metavar=levels, help=help
+    )
 
 
 def limit(help: str) -> Option:
@@ -188,9 +208,7 @@ trajectories = click.option(
     metavar="FILE",
     help="The oracle's chosen drives. Default: scenarios/oracle.parquet of the data folder.",
 )
-device = click.option(
-    "--device", type=click.Choice(DEVICES), default="cpu", show_default=True, help="For learned planners."
-)
+device = choice("--device", DEVICES, "cpu", "For learned planners.")
 seed = click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0))
 
 

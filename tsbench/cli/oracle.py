@@ -11,6 +11,7 @@ import click
 from tsbench.cli import EXIT_FAILED, EXIT_INTERRUPTED, options
 from tsbench.cli.analyse import out as analysis_out
 from tsbench.cli.console import show_analysis
+from tsbench.cli.options import Words
 from tsbench.cli.run import which_variants
 from tsbench.core.benchmark import VARIANTS
 from tsbench.core.streams import progress_console
@@ -39,21 +40,24 @@ def oracle() -> None:
 @options.limit("Scenarios: types in turn, nominal first; of one per map, drawn at random.")
 @which_variants
 @options.planners("Expert to drive; default: all that are registered")
-@click.option(
-    "--learned-variants", type=click.IntRange(LEAST_LEARNED_VARIANTS, VARIANTS), default=VARIANTS, show_default=True,
-    metavar="N", help="Variants of a map that experts with networks drive, drawn at random.",
-)  # fmt: skip
-@click.option(
-    "--tries", type=options.POSITIVE, default=TRIES, show_default=True, metavar="N",
+@options.count(
+    "--learned-variants",
+    least=LEAST_LEARNED_VARIANTS,
+    most=VARIANTS,
+    default=VARIANTS,
+    help="Variants of a map that experts with networks drive, drawn at random.",
+)
+@options.count(
+    "--tries",
+    default=TRIES,
     help="Drives of a scenario by one expert at most, each with another driver, until one succeeds.",
-)  # fmt: skip
+)
 @options.run_workers
 @options.out("Folder; one with part of a collection is continued.", _FOLDER, type=options.FOLDER)
 @click.option("--redrive", is_flag=True, help="Drive again what other code of an expert has driven.")
 def collect(
-    split: str, types: tuple[str, ...], limit: int | None, variants: str, planners: tuple[str, ...],
-    tries: int, **others: Any,
-) -> None:  # fmt: skip
+    split: str, types: Words, limit: int | None, variants: str, planners: Words, tries: int, **others: Any
+) -> None:
     """Drive each expert on each scenario; the same command continues, other experts and scenarios are added.
 
     Exit codes: 0 complete, 1 with drives that broke off, 2 wrong usage or bad input, 130 interrupted.

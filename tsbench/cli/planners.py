@@ -41,11 +41,10 @@ def list_planners(parts: bool) -> None:
     for name in registry.names():
         entry = registry.entry(name)
         weights = entry.weights
-        rows.append((
-            name, entry.kind, "yes" if entry.sign_access else "no", "yes" if entry.privileged else "no",
-            f"{entry.parameters:,}" if entry.parameters is not None else "-",
-            f"{weights.size / 1e6:.1f} MB {weights.sha256[:12]} {weights.source}" if weights else "-",
-        ))  # fmt: skip
+        signs, privileged = "yes" if entry.sign_access else "no", "yes" if entry.privileged else "no"
+        parameters = f"{entry.parameters:,}" if entry.parameters is not None else "-"
+        source = f"{weights.size / 1e6:.1f} MB {weights.sha256[:12]} {weights.source}" if weights else "-"
+        rows.append((name, entry.kind, signs, privileged, parameters, source))
     print_table(("name", "kind", "sees signs", "knows the rule", "parameters", "weights"), rows, left=6)
     click.echo(
         "Others: pkg.module:Class, file.py:Class, or a function in place of the class; with -e: its expert."
@@ -64,14 +63,7 @@ def _print_parts() -> None:
 
 @planners.command("check")
 @click.argument("planner", type=options.TEXT)
-@click.option(
-    "--limit",
-    default=10,
-    show_default=True,
-    type=click.IntRange(2, 100),
-    metavar="N",
-    help="Scenes to drive.",
-)
+@options.count("--limit", default=10, least=2, most=100, help="Scenes to drive.")
 @click.option(
     "--submission", is_flag=True, help="Drive it isolated, and say what `tsbench submit` would refuse."
 )
@@ -125,14 +117,7 @@ def _tell(planner: str, found: list[Finding], console: Console) -> int:
     type=click.Choice(("aim", "steer", "cruise", "exit")),
     help="As in training.  [default: aim, exit]",
 )
-@click.option(
-    "--hold",
-    type=options.POSITIVE,
-    default=1,
-    show_default=True,
-    metavar="N",
-    help="Ticks per step, as in training.",
-)
+@options.count("--hold", default=1, help="Ticks per step, as in training.")
 @click.option(
     "--draws", is_flag=True, help="Draw actions from the policy's density, as in training; else its mean."
 )

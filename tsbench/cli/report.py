@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -11,19 +12,18 @@ from tsbench.cli.console import bars, table_console
 from tsbench.report.tables.compare_runs import compare_runs, flips_csv, print_comparison
 from tsbench.run.log.read import is_run
 
+_LARGEST = "Largest size of the file; players are left out, violations last."
+
 
 @click.command()
 @options.runs
 @options.out("Default: report.html in the run, or here for several.", type=options.FILE)
 @options.allow_partial
 @click.option(
-    "--max-mb", type=click.FloatRange(min=0.1), default=20.0, show_default=True, metavar="MB",
-    help="Largest size of the file; players are left out, violations last.",
-)  # fmt: skip
+    "--max-mb", type=click.FloatRange(min=0.1), default=20.0, show_default=True, metavar="MB", help=_LARGEST
+)
 @options.workers
-def report(
-    runs: tuple[Path, ...], out: Path | None, allow_partial: bool, max_mb: float, workers: int
-) -> None:
+def report(runs: tuple[Path, ...], out: Path | None, **asked: Any) -> None:
     """Write one self-contained HTML page about RUNs: all figures, all episodes, and a player for those with a trace.
 
     Runs of one page must have one contract and one selection of scenarios.
@@ -31,10 +31,7 @@ def report(
     from tsbench.report.page.report_page import MEGABYTE, write_report  # brings matplotlib
 
     with bars() as show:
-        written = write_report(
-            runs, out, allow_partial=allow_partial, max_mb=max_mb, workers=workers,
-            progress=lambda done, of: show("players", done, of),
-        )  # fmt: skip
+        written = write_report(runs, out, progress=lambda done, of: show("players", done, of), **asked)
     for note in written.notes:
         click.echo(f"note: {note}", err=True)
     each = f", {written.player_bytes / written.players / 1000:.1f} kB each" if written.players else ""
@@ -74,10 +71,9 @@ def view(runs: tuple[Path, ...], port: int) -> None:
 @options.allow_partial
 @options.png("Draw the differences.")
 @click.option("--csv", type=options.FILE, metavar="FILE", help="Write all flips.")
-@click.option(
-    "--flips", type=click.IntRange(min=0), default=20, show_default=True, metavar="N",
-    help="Flipped scenarios to list, of the lost and of the won each.",
-)  # fmt: skip
+@options.count(
+    "--flips", least=0, default=20, help="Flipped scenarios to list, of the lost and of the won each."
+)
 def compare(
     run_a: str, run_b: str, force: bool, allow_partial: bool, png: Path | None, csv: Path | None, flips: int
 ) -> None:

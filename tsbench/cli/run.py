@@ -14,7 +14,6 @@ from tsbench.cli.console import table_console
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import check_driven
 from tsbench.core.streams import progress_console
-from tsbench.episode.perception_level import EXACT
 from tsbench.report.analyses.analysis import print_analysis, to_markdown
 from tsbench.report.analyses.main_table import run_tables
 from tsbench.run.execution.executor import Limits
@@ -27,19 +26,22 @@ from tsbench.run.run_options import LEAST_MEMORY_MB, Options
 from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import RunResult
 from tsbench.run.session import run as run_session
+from tsbench.tools.rescore import rescore as rescore_run
 
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
 
 # Of `tsbench oracle collect` too.
-which_variants = click.option(
-    "--variants", type=click.Choice(VARIANTS), default="all", show_default=True,
-    help="The nominal variant, all, or one drawn for each map.",
-)  # fmt: skip
-which_half = click.option(
-    "--half", type=click.Choice(WHICH_HALVES), default=BOTH, show_default=True,
-    help="Of contrast pairs: the signed half (with what has no pair), the contrast half, or both.",
-)  # fmt: skip
+_LISTENER = f"Who is told how the run goes, such as a tracker: {', '.join(KNOWN)}, or one of your own."
+which_variants = options.choice(
+    "--variants", VARIANTS, "all", "The nominal variant, all, or one drawn for each map."
+)
+which_half = options.choice(
+    "--half",
+    WHICH_HALVES,
+    BOTH,
+    "Of contrast pairs: the signed half (with what has no pair), the contrast half, or both.",
+)
 
 
 @click.command()
@@ -52,22 +54,25 @@ which_half = click.option(
 @which_variants
 @which_half
 @options.run_workers
-@click.option(
-    "--memory-limit", type=click.IntRange(min=LEAST_MEMORY_MB), default=int(Limits.most_memory), show_default=True,
+@options.count(
+    "--memory-limit",
+    default=int(Limits.most_memory),
+    least=LEAST_MEMORY_MB,
     metavar="MB",
     help="Most that a worker, with all that its planner has started, may take in an episode.",
-)  # fmt: skip
-@click.option(
-    "--executor", type=click.Choice(EXECUTORS), default="local", show_default=True,
-    help="Where: on this machine, or on the Ray cluster that RAY_ADDRESS names.",
-)  # fmt: skip
+)
+@options.choice(
+    "--executor", EXECUTORS, "local", "Where: on this machine, or on the Ray cluster that RAY_ADDRESS names."
+)
 @options.out(
     "Run folder; one with part of the same run is continued. Default: below runs/.", type=options.FOLDER
 )
-@click.option(
-    "--trace", type=click.Choice(TRACES), default="violations", show_default=True,
-    help="Episodes to keep tick by tick: none, those with a violation or without success, all.",
-)  # fmt: skip
+@options.choice(
+    "--trace",
+    TRACES,
+    "violations",
+    "Episodes to keep tick by tick: none, those with a violation or without success, all.",
+)
 @options.device
 @click.option(
     "--isolate",
@@ -76,18 +81,14 @@ which_half = click.option(
 )
 @options.image
 @click.option("--mask-signs", is_flag=True, help="Remove sign identity from what planners see.")
-@click.option(
-    "--perception", type=options.TEXT, default=EXACT, show_default=True, metavar="exact|good|production|poor|FILE",
-    help="How well planners perceive plates: a level, or a YAML file with the fields of one.",
-)  # fmt: skip
+@options.perception("How well planners perceive plates: a level, or a YAML file with the fields of one.")
 @click.option(
     "--overwrite", is_flag=True, help="Remove the run that is in the folder, and drive all of it again."
 )
 @options.allow_partial
 @click.option(
-    "--listener", "listeners", type=options.TEXT, multiple=True, metavar="NAME|pkg.module:Class|file.py:Class",
-    help=f"Who is told how the run goes, such as a tracker: {', '.join(KNOWN)}, or one of your own.",
-)  # fmt: skip
+    "--listener", "listeners", type=options.TEXT, multiple=True, metavar=options.PLANNER, help=_LISTENER
+)
 def run(**given: Any) -> None:
     """Run planners on scenarios and score them; the same command again continues an interrupted run.
 
@@ -128,8 +129,6 @@ def rescore(folder: Path) -> None:
 
     Exit code 1 and a list of episodes where they differ. RUN/rescored.json says so to reports.
     """
-    from tsbench.tools.rescore import rescore as rescore_run  # brings SUMO's readers
-
     result = rescore_run(folder)
     if result.note:
         click.echo(f"note: {result.note}", err=True)

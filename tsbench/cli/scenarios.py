@@ -16,9 +16,12 @@ from tsbench.cli.console import bars, print_table, show_analysis
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
 from tsbench.core.paths import dataset_root, source_city
+from tsbench.dataset.certify.recertify import draw_sample, recertify
 from tsbench.dataset.maps.paths import sources_dir
 from tsbench.dataset.scenes.axes import type_axes
+from tsbench.dataset.scenes.calibration import calibrate, driven_speeds, grid_speeds, sample_rows
 from tsbench.dataset.scenes.place_lint import finding_counts, lint_rows
+from tsbench.dataset.scenes.verify import verify_certificates, verify_pairs, verify_rows, verify_split
 from tsbench.report.analyses.analysis import to_csv
 from tsbench.report.wording import scene_facts
 from tsbench.scenarios.certificates import certificates_path, read_certificates
@@ -27,6 +30,7 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
 from tsbench.scenarios.table import SPLITS
 from tsbench.signs.countries import Country
+from tsbench.sim.sumo import Simulation
 
 
 def _find(scenario_id: str) -> ScenarioSpec:
@@ -93,8 +97,6 @@ def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None,
 @options.workers
 def certify(types: tuple[str, ...], split: str | None, each: int | None, workers: int) -> None:
     """Drive rows once more in other processes and renew their certificates. Resumable; exit code 1 if any fails."""
-    from tsbench.dataset.certify.recertify import draw_sample, recertify
-
     rows = options.rows_of(split, types)
     if each is not None:
         rows = draw_sample(rows, each)
@@ -165,8 +167,6 @@ def open_(scenario_id: str, out: Path | None, launch: bool) -> None:
 @options.split(made=True)
 def verify(split: str | None) -> None:
     """Check hashes, files and scenes of all rows; exit code 1 and one line per problem."""
-    from tsbench.dataset.scenes.verify import verify_certificates, verify_pairs, verify_rows, verify_split
-
     rows = options.rows_of(split)
     with bars() as show:
         problems = verify_rows(rows, SceneLoader(), lambda n: show("verify", n, len(rows)))
@@ -183,8 +183,6 @@ def verify(split: str | None) -> None:
 @click.option("--each", type=options.POSITIVE, metavar="N", help="N pairs of each type, drawn; default: all.")
 def lint(types: tuple[str, ...], split: str | None, each: int | None) -> None:
     """Check where plates stand (sign_catalog/places.yaml) and whether vehicles break them; exit code 1 if so."""
-    from tsbench.dataset.certify.recertify import draw_sample
-
     rows = options.rows_of(split, types)
     rows = rows if each is None else draw_sample(rows, each)
     with bars() as show:
@@ -239,20 +237,11 @@ def browse(types: tuple[str, ...], split: str | None, out: Path, workers: int) -
 
 @scenarios.command()
 @options.split()
-@click.option(
-    "--limit",
-    type=options.POSITIVE,
-    metavar="N",
-    default=300,
-    show_default=True,
-    help="Driven for the cruise speed.",
-)
+@options.count("--limit", default=300, help="Driven for the cruise speed.")
 @analysis_out("calibration.csv, .tex, .md, .png and .svg")
 def calibration(split: str | None, limit: int, out: Path) -> None:
     """Initial speed, cruise speed and density against nuPlan's: KS distances and a figure of the CDFs."""
-    from tsbench.dataset.scenes.calibration import calibrate, driven_speeds, grid_speeds, sample_rows
     from tsbench.report.analyses.traffic_calibration import calibration as compared
-    from tsbench.sim.sumo import Simulation
 
     rows = options.rows_of(split)
     names = {s.scenario_id for s in rows}

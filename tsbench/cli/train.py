@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
@@ -12,20 +12,21 @@ from rich.table import Table
 
 from tsbench.cli import options
 from tsbench.cli.console import table_console
-from tsbench.cli.options import POSITIVE, Option, several
+from tsbench.cli.options import POSITIVE, Option, Words, several
 from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
-from tsbench.episode.perception_level import EXACT, load_level
+from tsbench.episode.perception_level import load_level
 from tsbench.learn.code_counts import count, write_counts
+from tsbench.learn.finetune.recipe import FineTuning, finetune_drives
+from tsbench.learn.imitation.frames_store import TrainingResources
+from tsbench.learn.imitation.recipe import ImitationRecipe, validation_rows
+from tsbench.learn.imitation.skill import drive, skill_of
+from tsbench.learn.oracle.trajectories import trajectories_path
 from tsbench.metrics.intervals import share_ends
-from tsbench.planners.weights import network
+from tsbench.planners.plant2.planner_ft import StopPolicy
+from tsbench.planners.weights import Network, network
+from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
-
-if TYPE_CHECKING:
-    from tsbench.learn.finetune.recipe import FineTuning
-    from tsbench.learn.imitation.frames_store import TrainingResources
-    from tsbench.planners.weights import Network
-    from tsbench.scenarios.spec import ScenarioSpec
 
 _NOT_NEGATIVE = click.IntRange(min=0)
 _cache_gb = click.option(
@@ -97,7 +98,7 @@ def _train(planner: str, out: Path, **asked: Any) -> None:
 
 
 @train.command(short_help="Imitation of sign-blind driving by a transformer.")
-@click.option("--size", type=click.Choice(("mini", "medium")), default="mini", show_default=True)
+@options.choice("--size", ("mini", "medium"), "mini")
 @click.option(
     "--drives",
     "episodes",
@@ -113,11 +114,9 @@ def _train(planner: str, out: Path, **asked: Any) -> None:
 @_count("--validation", 160, "Episodes driven after each epoch; the best network is kept.")
 @several(options.types, options.seed, options.device, options.workers, _cache_gb, _out("runs/train-plant2"))
 def plant2(
-    planners: tuple[str, ...], types: tuple[str, ...], device: str, workers: int, cache_gb: float, out: Path,
-    **figures: Any,
-) -> None:  # fmt: skip
+    planners: Words, types: Words, device: str, workers: int, cache_gb: float, out: Path, **figures: Any
+) -> None:
     """Imitation of sign-blind driving; writes plant2.safetensors and plant2.json."""
-    from tsbench.learn.imitation.recipe import ImitationRecipe
     from tsbench.learn.imitation.task import imitation  # brings torch
     from tsbench.learn.imitation.trainer import train as learn
 
@@ -150,11 +149,7 @@ def _lessons(drives: int, out: str) -> Option:
             help="Show posts in place of plates, in training and validation: the floor plant2-blind, whose weights are "
             "meant then wherever plant2-ft's are.",
         ),
-        click.option(
-            "--perception", type=options.TEXT, default=EXACT, show_default=True,
-            metavar="exact|good|production|poor|FILE",
-            help="Level of the eyes through which a share of the drives is seen.",
-        ),
+        options.perception("Level of the eyes through which a share of the drives is seen."),
         click.option(
             "--perceived", default=0.3, show_default=True, type=click.FloatRange(0.0, 1.0), help="That share."
         ),
@@ -192,7 +187,6 @@ def plant2_ft(device: str, workers: int, cache_gb: float, out: Path, **asked: An
 def frames(workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
     """What plant2-ft is shown: counts, targets, and ten frames of each group as pictures."""
     from tsbench.learn.finetune.drives_report import report
-    from tsbench.learn.finetune.recipe import finetune_drives
 
     recipe, rows = _recipe(**asked)
     for path in report(
@@ -202,12 +196,8 @@ def frames(workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
 
 
 def _recipe(
-    planners: tuple[str, ...], types: tuple[str, ...], more: tuple[str, ...], trajectories: Path | None,
-    perception: str, **figures: Any,
-) -> tuple[FineTuning, list[ScenarioSpec]]:  # fmt: skip
-    from tsbench.learn.finetune.recipe import FineTuning
-    from tsbench.learn.oracle.trajectories import trajectories_path
-
+    planners: Words, types: Words, more: Words, trajectories: Path | None, perception: str, **figures: Any
+) -> tuple[FineTuning, list[ScenarioSpec]]:
     path, often = trajectories or trajectories_path(), options.types_of(more)
     recipe = FineTuning(
         trajectories=path,
@@ -230,19 +220,18 @@ def codes(out: Path) -> None:
 
 # Of `Skill`, with heads that leave 80 columns for the types' names.
 _SHARES = {
-    "arrived": "ar-\nrived", "collision": "col-\nlision", "off_road": "off\nroad", "timeout": "time-\nout",
-    "compliant": "com-\nplied", "scd": "SCD",
-}  # fmt: skip
+    "arrived": "ar-\nrived",
+    "collision": "col-\nlision",
+    "off_road": "off\nroad",
+    "timeout": "time-\nout",
+    "compliant": "com-\nplied",
+    "scd": "SCD",
+}
 
 
 @train.command(short_help="How plant2's, plant2-ft's or plant2-blind's weights drive on kept-out maps.")
 @click.argument("folder", type=options.FOLDER, required=False)
-@click.option(
-    "--planner",
-    type=click.Choice(["plant2", "plant2-ft", "plant2-blind"]),
-    default="plant2-ft",
-    show_default=True,
-)
+@options.choice("--planner", ("plant2", "plant2-ft", "plant2-blind"), "plant2-ft")
 @_count("--each", 4, "Episodes of a type.")
 @click.option(
     "--stop-policy",
@@ -258,10 +247,6 @@ def measure(
     seed: int, workers: int,
 ) -> None:  # fmt: skip
     """How the weights in FOLDER (default: tsbench's own) drive on kept-out maps of the train split, by type."""
-    from tsbench.learn.imitation.recipe import validation_rows
-    from tsbench.learn.imitation.skill import drive, skill_of
-    from tsbench.planners.plant2.planner_ft import StopPolicy
-
     network(planner, folder)
     if stop_policy and planner == "plant2":
         raise InputError(f"--stop-policy: {planner} has none")
@@ -294,8 +279,6 @@ def _train_rows(words: tuple[str, ...]) -> list[ScenarioSpec]:
 
 
 def _resources(out: Path, device: str, workers: int, cache_gb: float) -> TrainingResources:
-    from tsbench.learn.imitation.frames_store import TrainingResources
-
     return TrainingResources(out, device, workers, int(cache_gb * 1e9))
 
 

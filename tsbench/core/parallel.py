@@ -52,9 +52,12 @@ class Workers:
         self._executor = executor
 
     def start(
-        self, work: Callable[..., Any], *arguments: Any, kept: CachedResult | None = None,
+        self,
+        work: Callable[..., Any],
+        *arguments: Any,
+        kept: CachedResult | None = None,
         sound: Callable[[Any], bool] = lambda _: True,
-    ) -> Callable[[], Any]:  # fmt: skip
+    ) -> Callable[[], Any]:
         """Begin work(*arguments) unless a `sound` result is kept; returns what waits for the result and keeps it."""
         old = None if kept is None else kept.read()
         if old is not None and sound(old):

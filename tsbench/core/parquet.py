@@ -18,9 +18,13 @@ VERSION_KEY = "tsbench_schema"
 OSM_LICENCE = {"licence": "ODbL 1.0, © OpenStreetMap contributors"}
 # Arrow's types of a dataclass's fields, by how these are annotated; "| None" makes a column that may hold nulls.
 _TYPES = {
-    "str": pa.string(), "int": pa.int32(), "float": pa.float64(), "bool": pa.bool_(),
-    "tuple[int, ...]": pa.list_(pa.int64()), "tuple[str, ...]": pa.list_(pa.string()),
-}  # fmt: skip
+    "str": pa.string(),
+    "int": pa.int32(),
+    "float": pa.float64(),
+    "bool": pa.bool_(),
+    "tuple[int, ...]": pa.list_(pa.int64()),
+    "tuple[str, ...]": pa.list_(pa.string()),
+}
 # Far more than any table of ours has.
 _MOST_ROWS, _MOST_BYTES, _VALUE_BYTES = 20_000_000, 1 << 32, 8
 _PART_ROWS = 2048

@@ -35,9 +35,14 @@ Count = Annotated[int, Meta(ge=1)]
 # Python's whole numbers have no end; those of tables and other programs have.
 _LARGEST_INT = 1 << 63
 _WORDS = {
-    "object": "a mapping", "array": "a list", "str": "text", "int": "a whole number", "float": "a number",
-    "bool": "true or false", "null": "nothing",
-}  # fmt: skip
+    "object": "a mapping",
+    "array": "a list",
+    "str": "text",
+    "int": "a whole number",
+    "float": "a number",
+    "bool": "true or false",
+    "null": "nothing",
+}
 _STEP = re.compile(r"\.(\w+)|\[(\d+|\.\.\.)\]")
 _MISSING = re.compile(r"Object missing required field `(\w+)`")
 

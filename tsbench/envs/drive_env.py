@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -24,6 +24,7 @@ from tsbench.core.typed import typed
 from tsbench.envs.encoders import KINDS, PLAIN
 from tsbench.envs.exits import EXIT, ExitAction
 from tsbench.envs.reward import SIGNS, RewardSpec, RouteReward
+from tsbench.envs.view import View
 from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.perception_level import EXACT, Perception, load_level
 from tsbench.metrics.episode_metrics import is_scd, route_completion
@@ -36,10 +37,6 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
 from tsbench.scenarios.table import SPLITS, read_table, table_path
 from tsbench.signs.catalog import load_catalog
-
-if TYPE_CHECKING:
-    from tsbench.envs.view import View
-
 
 # Times that a row of a type in `more` is in the draw.
 _MORE = 3
@@ -213,8 +210,6 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     def _drawn(self) -> View:
         """Made for the first picture: without pictures it costs nothing."""
         if self._view is None:
-            from tsbench.envs.view import View
-
             assert self._context is not None
             self._view = View(self._context)
         return self._view

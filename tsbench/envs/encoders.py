@@ -16,6 +16,7 @@ from gymnasium import spaces
 from tsbench.envs.objects import ObjectsSeen
 from tsbench.envs.scene_seen import SceneSeen
 from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.carl.raster import CHANNELS, MEASUREMENTS, PIXELS, RasterEncoder
 from tsbench.planners.ppo.vector import SIZE, VectorEncoder
 from tsbench.planners.rl.actions import ACTIONS, Act, accelerate, aim
 
@@ -36,31 +37,28 @@ class VectorSeen(VectorEncoder):
     space: spaces.Space[Any] = spaces.Box(-2.0, 2.0, (SIZE,), np.float32)
 
 
-def _bev() -> ObservationEncoder:
-    # OpenCV is needed by none of the others.
-    from tsbench.planners.carl.raster import CHANNELS, MEASUREMENTS, PIXELS, RasterEncoder
+class BevSeen(RasterEncoder):
+    """The raster and the measurements of `carl`."""
 
-    class BevSeen(RasterEncoder):
-        """The raster and the measurements of `carl`."""
+    space: spaces.Space[Any] = spaces.Dict(
+        {
+            "bev": spaces.Box(0, 255, (CHANNELS, PIXELS, PIXELS), np.uint8),
+            "measurements": spaces.Box(-2.0, 2.0, (MEASUREMENTS,), np.float32),
+        }
+    )
 
-        space: spaces.Space[Any] = spaces.Dict(
-            {
-                "bev": spaces.Box(0, 255, (CHANNELS, PIXELS, PIXELS), np.uint8),
-                "measurements": spaces.Box(-2.0, 2.0, (MEASUREMENTS,), np.float32),
-            }
-        )
-
-        def encode(self, observation: Observation) -> Any:
-            raster, measured = super().encode(observation)
-            return {"bev": raster, "measurements": measured}
-
-    return BevSeen()
+    def encode(self, observation: Observation) -> Any:
+        raster, measured = super().encode(observation)
+        return {"bev": raster, "measurements": measured}
 
 
 KINDS: dict[str, Callable[[], ObservationEncoder]] = {
-    "vector": VectorSeen, "bev": _bev, "objects": ObjectsSeen, "scene": SceneSeen,
+    "vector": VectorSeen,
+    "bev": BevSeen,
+    "objects": ObjectsSeen,
+    "scene": SceneSeen,
     "plates": partial(SceneSeen, lanes=False),
-}  # fmt: skip
+}
 
 
 _FASTEST_MPS, _GAIN_PER_S = 25.0, 1.0

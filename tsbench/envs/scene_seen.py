@@ -80,10 +80,8 @@ class SceneSeen:
         for lane in context.network.lanes:
             edge = context.network.lanes[onto.get(lane.index, lane.index)].edge
             way = ways.get(edge)
-            facts = (
-                lane.width / WIDTH_M, lane.speed / SPEED_MPS, float(lane.internal), 0.0,
-                float(way is not None), 1.0 if way is None else way / WAY_M,
-            )  # fmt: skip
+            known, left = float(way is not None), 1.0 if way is None else way / WAY_M
+            facts = (lane.width / WIDTH_M, lane.speed / SPEED_MPS, float(lane.internal), 0.0, known, left)
             count = max(math.ceil(lane.line.length / _PIECE_M), 1)
             at = np.linspace(0.0, lane.line.length, count * (POINTS - 1) + 1)
             x, y = (np.interp(at, lane.line.s, lane.line.points[:, k]) for k in (0, 1))
@@ -113,11 +111,10 @@ class SceneSeen:
         line = route.path.line
         steps = np.minimum(route.s + _ROUTE_STEP_M * np.arange(1, ROUTE + 1), line.length)
         ahead = np.column_stack([np.interp(steps, line.s, line.points[:, k]) for k in (0, 1)])
-        state = (
-            ego.speed / SPEED_MPS, ego.acceleration / _ACCEL_MPS2, ego.steering / MAX_STEER_RAD,
-            ego.yaw_rate / _YAW_RADPS, route.d / WIDTH_M, min(route.remaining, WAY_M) / WAY_M,
-            route.path.limit_at(route.s) / SPEED_MPS,
-        )  # fmt: skip
+        own = ego.speed / SPEED_MPS, ego.acceleration / _ACCEL_MPS2, ego.steering / MAX_STEER_RAD
+        on_route = route.d / WIDTH_M, min(route.remaining, WAY_M) / WAY_M
+        limit = route.path.limit_at(route.s) / SPEED_MPS
+        state = (*own, ego.yaw_rate / _YAW_RADPS, *on_route, limit)
         found = {"ego": _scaled(np.array(state)), "route": _scaled(place(ahead))}
         plates = np.array([(p.x, p.y, p.heading) for p in o.signs]).reshape(-1, 3)
         fixed = np.array([(t.x, t.y, t.heading) for t in o.obstacles]).reshape(-1, 3)

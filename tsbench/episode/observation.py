@@ -30,9 +30,13 @@ class Observer:
     """
 
     def __init__(
-        self, scene: Scene, view: PlannerMap, perception: Perception = EXACTLY, luck: str = "",
+        self,
+        scene: Scene,
+        view: PlannerMap,
+        perception: Perception = EXACTLY,
+        luck: str = "",
         privileged: bool = False,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._view, self._privileged = view, privileged
         turning = main_roads(scene.network, scene.signs)
         seen = [

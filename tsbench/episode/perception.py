@@ -266,8 +266,8 @@ def _neighbour(level: PerceptionLevel, plate: SignView, catalog: Catalog, luck: 
 
 def _beside(lines: Sequence[Sequence[T]], one: T) -> list[T]:
     """Those before and after `one` on the lines that it is on."""
-    return [line[k] for line in lines for at, it in enumerate(line) if it == one
-            for k in (at - 1, at + 1) if 0 <= k < len(line)]  # fmt: skip
+    places = [(line, at) for line in lines for at, it in enumerate(line) if it == one]
+    return [line[k] for line, at in places for k in (at - 1, at + 1) if 0 <= k < len(line)]
 
 
 def _pick(things: Sequence[T], luck: float) -> T:

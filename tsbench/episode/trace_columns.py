@@ -15,10 +15,8 @@ from tsbench.geometry.polyline import Array
 from tsbench.sim.world import Actors, ActorTable, EgoState, WorldSnapshot
 
 _EGO = tuple((column.name, column.type) for column in fields_of(EgoState))
-_ACTOR = (
-    ("index", pa.int32()), ("x", pa.float64()), ("y", pa.float64()), ("heading", pa.float64()),
-    ("speed", pa.float64()), ("lane", pa.int32()), ("lane_s", pa.float64()),
-)  # fmt: skip
+_MOTION = tuple((name, pa.float64()) for name in ("x", "y", "heading", "speed"))
+_ACTOR = (("index", pa.int32()), *_MOTION, ("lane", pa.int32()), ("lane_s", pa.float64()))
 # What the planner meant to do; traces from before it was kept lack them.
 PLAN = ("plan_x", "plan_y")
 _FIELDS: list[Any] = [

@@ -54,12 +54,17 @@ class Polyline(Frozen):
         along.setflags(write=False)
         # Plain numbers: scalar look-ups in a tick are several times faster than on small arrays.
         filled = {
-            "points": clean, "s": along, "length": float(along[-1]),
-            "_x": tuple(clean[:, 0].tolist()), "_y": tuple(clean[:, 1].tolist()), "_s": tuple(along.tolist()),
-            "_seg": tuple(seg.tolist()), "_dx": tuple((delta[:, 0] / seg).tolist()),
+            "points": clean,
+            "s": along,
+            "length": float(along[-1]),
+            "_s": tuple(along.tolist()),
+            "_x": tuple(clean[:, 0].tolist()),
+            "_y": tuple(clean[:, 1].tolist()),
+            "_dx": tuple((delta[:, 0] / seg).tolist()),
             "_dy": tuple((delta[:, 1] / seg).tolist()),
+            "_seg": tuple(seg.tolist()),
             "_heading": tuple(arctan2(delta[:, 1], delta[:, 0]).tolist()),
-        }  # fmt: skip
+        }
         for name, value in filled.items():
             object.__setattr__(self, name, value)
 

@@ -55,10 +55,21 @@ def claim_of(path: Path) -> Claim:
     """What a submission says. Raises InputError as `read_submission` does."""
     s = read_submission(path)
     return Claim(
-        path=path, sha256=s.sha256, title=s.title, tsbench=s.tsbench, edition=s.edition, contract=s.contract,
-        city=s.city, split=s.split, planner=s.planner, device=s.device, arithmetic=s.arithmetic,
-        perception=Perception(level=s.perception), figures=s.figures, episodes=s.episodes,
-    )  # fmt: skip
+        path=path,
+        sha256=s.sha256,
+        title=s.title,
+        tsbench=s.tsbench,
+        edition=s.edition,
+        contract=s.contract,
+        city=s.city,
+        split=s.split,
+        planner=s.planner,
+        device=s.device,
+        arithmetic=s.arithmetic,
+        perception=Perception(level=s.perception),
+        figures=s.figures,
+        episodes=s.episodes,
+    )
 
 
 def claims_of(folder: Path) -> list[Claim]:

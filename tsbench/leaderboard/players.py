@@ -21,23 +21,24 @@ from tsbench.episode.trace import read_trace, trace_path
 from tsbench.leaderboard.board_rows import BoardRow
 from tsbench.leaderboard.submission import Submission, SubmittedEpisode, episode_of
 from tsbench.report.page.episode_player import EpisodePacker
-from tsbench.report.page.page_format import pack_table
+from tsbench.report.page.page_format import pack_table, page_column
 from tsbench.report.page.report_page import Embedded
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.tools.rescore import Judge
 
-_COLUMNS: tuple[dict[str, Any], ...] = (
-    {"name": "planner", "label": "driven", "kind": "text", "filter": "choice", "minor": True},
-    {"name": "scenario_type", "label": "type", "kind": "text", "filter": "choice"},
-    {"name": "half", "label": "half", "kind": "text", "filter": "choice", "minor": True},
-    {"name": "failure", "label": "failure", "kind": "text", "filter": "choice",
-     "title": "the clause that was violated, or how the drive ended"},
-    {"name": "told", "label": "what happened", "kind": "text", "minor": True, "wide": True},
-    {"name": "scenario_id", "label": "scenario", "kind": "text", "minor": True},
-    {"name": "playable", "label": "player", "kind": "flag", "hidden": True},
-    {"name": "partner", "label": "other half", "kind": "number", "hidden": True},
-)  # fmt: skip
+_COLUMNS = (
+    page_column("planner", "driven", filter="choice", minor=True),
+    page_column("scenario_type", "type", filter="choice"),
+    page_column("half", "half", filter="choice", minor=True),
+    page_column(
+        "failure", "failure", filter="choice", title="the clause that was violated, or how the drive ended"
+    ),
+    page_column("told", "what happened", minor=True, wide=True),
+    page_column("scenario_id", "scenario", minor=True),
+    page_column("playable", "player", "flag", hidden=True),
+    page_column("partner", "other half", "number", hidden=True),
+)
 
 
 @dataclass(frozen=True)
@@ -116,12 +117,9 @@ class _Table:
     def add(self, label: str, spec: ScenarioSpec, failure: str, told: str) -> int:
         """A new row; its number."""
         number = len(self._values["planner"])
-        row = {
-            "planner": label, "scenario_type": spec.pair_type, "half": spec.half, "failure": failure, "told": told,
-            "scenario_id": spec.scenario_id, "playable": True, "partner": None,
-        }  # fmt: skip
-        for name, value in row.items():
-            self._values[name].append(value)
+        row = (label, spec.pair_type, spec.half, failure, told, spec.scenario_id, True, None)
+        for values, value in zip(self._values.values(), row, strict=True):
+            values.append(value)
         other = self._halves.setdefault((label, spec.pair_name), number)
         if other != number:
             self._values["partner"][number], self._values["partner"][other] = other, number

@@ -82,12 +82,15 @@ def _data_set(rows: Sequence[BoardRow]) -> dict[str, Any]:
     by_level = groupby(sorted(rows, key=lambda row: row.level_rank), key=lambda row: row.level_rank)
     drawn = [(own[0], _curve(own, rows)) for own in _by_planner(rows)]
     return {
-        "title": f"{edition}, {split} split", "contract": contract, "id": f"set-{contract[:8]}",
-        "figures": [name for name in PARTS if any(row.figure(name) for row in rows)], "primary": primary,
+        "title": f"{edition}, {split} split",
+        "contract": contract,
+        "id": f"set-{contract[:8]}",
+        "figures": [name for name in PARTS if any(row.figure(name) for row in rows)],
+        "primary": primary,
         "panels": [g for g in GROUPS if any(row.figure(primary, g) for row in rows)],
         "levels": [_level(sorted(some, key=lambda row: row.rank_by)) for _, some in by_level],
         "curves": [(row, svg) for row, svg in drawn if svg is not None],
-    }  # fmt: skip
+    }
 
 
 def _level(rows: list[BoardRow]) -> dict[str, Any]:

@@ -156,10 +156,9 @@ def json_schema() -> dict[str, Any]:
     for part in parts.values():
         part["additionalProperties"] = False
     own = parts.pop("Submission")
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema", **own, "title": KIND,
-        "properties": {**head, **own["properties"]}, "required": [*head, *own["required"]], "$defs": parts,
-    }  # fmt: skip
+    named = {"$schema": "https://json-schema.org/draft/2020-12/schema", **own, "title": KIND}
+    properties, required = {**head, **own["properties"]}, [*head, *own["required"]]
+    return {**named, "properties": properties, "required": required, "$defs": parts}
 
 
 def read_submission(path: Path) -> Submission:

@@ -248,9 +248,13 @@ def _draw(claim: Claim, table: Sequence[ScenarioSpec], sample: int, seed: int) -
 
 
 def _drive(
-    planner: str, claim: Claim, specs: Sequence[ScenarioSpec], isolated: bool, workers: int | None,
+    planner: str,
+    claim: Claim,
+    specs: Sequence[ScenarioSpec],
+    isolated: bool,
+    workers: int | None,
     on_progress: Callable[[int, int], None],
-) -> tuple[PlannerInfo, list[SubmittedEpisode]]:  # fmt: skip
+) -> tuple[PlannerInfo, list[SubmittedEpisode]]:
     """What the planner is, and what becomes of the episodes here, in the order of their ids."""
     done: list[SubmittedEpisode] = []
 
@@ -264,10 +268,8 @@ def _drive(
             info = describe(planner, only=claim.planner.files).planner
         else:
             (info,) = pool.probe([planner], claim.device)
-        setup = Setup(
-            (info,), claim.perception, claim.device, "none", out, claim.split, claim.contract,
-            loader=ISOLATED_ALONE if isolated else "",
-        )  # fmt: skip
+        split, contract, loader = claim.split, claim.contract, ISOLATED_ALONE if isolated else ""
+        setup = Setup((info,), claim.perception, claim.device, "none", out, split, contract, loader=loader)
         tasks = TaskQueue(Task(number, 0, spec) for number, spec in enumerate(specs, start=1))
         pool.run(setup, tasks, keep, lambda: False)
     return info, sorted(done, key=lambda episode: episode.scenario_id)

@@ -124,12 +124,10 @@ def difference(
         method, reason, error = "cluster bootstrap", "", float(draws.std(ddof=1))
         if high - low <= _ALIKE:
             low, high, method, reason, error = None, None, "none", "all places alike", None
-    found = Difference(
-        a=mean(pairs.a), b=mean(pairs.b), value=mean(delta),
-        low=None if low is None else round(scale * low, _DIGITS),
-        high=None if high is None else round(scale * high, _DIGITS),
-        n=n, clusters=count.shape[0], parts=count.shape[1] if macro else 1, method=method, reason=reason,
-    )  # fmt: skip
+    low, high = (None if end is None else round(scale * end, _DIGITS) for end in (low, high))
+    a, b, value, parts = mean(pairs.a), mean(pairs.b), mean(delta), count.shape[1] if macro else 1
+    rests = {"n": n, "clusters": count.shape[0], "parts": parts}
+    found = Difference(a=a, b=b, value=value, low=low, high=high, **rests, method=method, reason=reason)
     if metric.binary:
         found = replace(found, won=won, lost=lost, p=mcnemar_p(won, lost))
         return found if found.significant else replace(found, mde=_scaled(scale, found, ALPHA))

@@ -105,14 +105,14 @@ def actor_tracks(trace: Trace) -> list[Track]:
     order = np.lexsort((tick, rank[user]))
     tick, user, rows = tick[order], user[order], rows[order]
     breaks = np.flatnonzero((np.diff(user) != 0) | (np.diff(tick) != 1)) + 1
-    return [
-        Track(
-            int(user[part[0]]), table.ids[user[part[0]]], ActorKind(int(table.kind[user[part[0]]])),
-            float(table.length[user[part[0]]]), float(table.width[user[part[0]]]), int(tick[part[0]]), rows[part],
-        )
-        for part in np.split(np.arange(len(tick)), breaks)
-        if len(part)
-    ]  # fmt: skip
+    found = []
+    for part in np.split(np.arange(len(tick)), breaks):
+        if len(part):
+            k, begins = int(user[part[0]]), int(tick[part[0]])
+            length, width = float(table.length[k]), float(table.width[k])
+            kind = ActorKind(int(table.kind[k]))
+            found.append(Track(k, table.ids[k], kind, length, width, begins, rows[part]))
+    return found
 
 
 def ego_rows(trace: Trace) -> Array:

@@ -27,7 +27,7 @@ BLIND, COIN = (
 )
 CODES = PlannerEntry("tsbench.planners.floor.codes:Codes", "floor", chooses_route=True, floor=True)
 PLANT2_BLIND = learned(
-    "plant2-blind", "tsbench.planners.plant2.planner_blind:Plant2Blind", chooses_route=True, floor=True
+    "plant2-blind", "tsbench.planners.plant2.planner_ft:Plant2Blind", chooses_route=True, floor=True
 )
 PLANT2_FT_SEED1 = learned(
     "plant2-ft-seed1", "tsbench.planners.plant2.ablations:SecondSeed", sign_access=True, chooses_route=True

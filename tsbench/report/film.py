@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import shlex
 import subprocess
 from collections.abc import Iterable, Iterator
 from dataclasses import astuple
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -38,11 +40,11 @@ _PIPE_BYTES = 1 << 20
 # One thread for each film: films are many, and threads that wait for each other cost more than they bring. A fixed
 # quantiser spares x264 the look at each frame in advance. OpenCV converts colours as the standard for small pictures
 # says, which players do not guess alike.
-_ENCODER = [
-    "-c:v", "libx264", "-preset", "ultrafast", "-qp", "18", "-threads", "1", "-filter_threads", "1",
-    "-fps_mode", "passthrough", "-movflags", "+faststart",
-    "-x264-params", "colormatrix=smpte170m:colorprim=smpte170m:transfer=smpte170m",
-]  # fmt: skip
+_ENCODER = shlex.split(
+    "-c:v libx264 -preset ultrafast -qp 18 -threads 1 -filter_threads 1 -fps_mode passthrough -movflags +faststart "
+    "-x264-params colormatrix=smpte170m:colorprim=smpte170m:transfer=smpte170m"
+)
+_GIF: dict[str, Any] = {"format": "GIF", "save_all": True, "loop": 0, "optimize": False, "disposal": 1}
 
 
 def film(
@@ -120,11 +122,9 @@ def _frames(trace: Trace, scene: Scene, country: Country | None) -> Iterator[Ima
 def _encode(frames: Iterable[Image], size: PageSize, path: Path) -> None:
     import imageio_ffmpeg  # an extra of its own: only films need it
 
-    command = [
-        imageio_ffmpeg.get_ffmpeg_exe(), "-y", "-nostdin", "-loglevel", "error",
-        "-f", "rawvideo", "-pix_fmt", "yuv420p", "-s", f"{size.width}x{size.height}", "-r", f"{round(1 / DT_S)}",
-        "-i", "pipe:0", *_ENCODER, "-f", "mp4", str(path),
-    ]  # fmt: skip
+    told = f"-y -nostdin -loglevel error -f rawvideo -pix_fmt yuv420p -s {size.width}x{size.height}"
+    given = shlex.split(f"{told} -r {round(1 / DT_S)} -i pipe:0")
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), *given, *_ENCODER, "-f", "mp4", str(path)]
     encoder = subprocess.Popen(
         command,
         stdin=subprocess.PIPE,
@@ -182,11 +182,8 @@ def save_gif(path: Path, pages: Iterable[Image], durations: Iterable[float]) -> 
         frame.putpalette(palette.getpalette() or [])
         frames.append(frame)
     with io_errors_as_input_errors(path), replacing(path) as part:
-        frames[0].save(
-            part, format="GIF", save_all=True, append_images=frames[1:],
-            duration=[round(1000 * s) for s in durations], loop=0, optimize=False,
-            transparency=_CLEAR, disposal=1,
-        )  # fmt: skip
+        times = [round(1000 * s) for s in durations]
+        frames[0].save(part, **_GIF, append_images=frames[1:], duration=times, transparency=_CLEAR)
 
 
 def _durations(trace: Trace, span: tuple[int, int] | None) -> list[float]:

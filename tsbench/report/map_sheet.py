@@ -23,9 +23,8 @@ from tsbench.scenarios.map_pool import PoolRow, pool_file, read_pool
 
 _COLUMNS, _WIDTH_PX, _HEIGHT_PX = 5, 300, 280
 # Of dual paths: approach, short way, compliant way.
-_MARKS = {
-    "signed_edge": "route", "edge": "route", "entry_edge": "route", "short": "violation", "compliant": "compliant",
-}  # fmt: skip
+_ROUTES = ("signed_edge", "edge", "entry_edge")
+_MARKS = {**dict.fromkeys(_ROUTES, "route"), "short": "violation", "compliant": "compliant"}
 _ARROW_M = np.array([(1.6, 0.0), (-1.0, 0.9), (-1.0, -0.9)])
 
 

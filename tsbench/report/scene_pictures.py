@@ -73,8 +73,8 @@ def render_png(
 
 
 def moment(
-    trace: Trace, scene: Scene, time: float | None = None, country: Country | None = None, under_way: bool = False
-) -> Image:  # fmt: skip
+    trace: Trace, scene: Scene, time: float | None, country: Country | None = None, under_way: bool = False
+) -> Image:
     """The picture of it, (height, width, 3) RGB. under_way: the episode has not ended with the trace."""
     tick = _tick(trace, time)
     ego = trace.snapshots[tick].ego

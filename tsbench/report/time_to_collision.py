@@ -36,10 +36,8 @@ def how_near(snapshot: WorldSnapshot, name: str) -> str:
     own = shapely.Polygon(corners(ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M))
     tracks = tracks_of([snapshot])
     mine = tracks.row == row
-    pair = replace(
-        tracks, tick=tracks.tick[mine], row=tracks.row[mine], pose=tracks.pose[mine], kind=tracks.kind[mine],
-        a_speed=tracks.a_speed[mine], length=tracks.length[mine], width=tracks.width[mine],
-    )  # fmt: skip
+    columns = ("tick", "row", "pose", "kind", "a_speed", "length", "width")
+    pair = replace(tracks, **{name: getattr(tracks, name)[mine] for name in columns})
     away, ttc = own.distance(other), min_ttc(pair)
     if away == 0.0:
         return f"{name} touches the ego"

@@ -120,18 +120,20 @@ class _MapBuilder:
         for connection in connections:
             outgoing[connection.from_lane].append(connection)
         roads = RoadMap(
-            lanes=tuple(self.lanes), lane_index=MappingProxyType({lane.id: lane.index for lane in self.lanes}),
-            edges=MappingProxyType(self.edges), junctions=MappingProxyType(self._junctions()),
-            connections=tuple(connections), outgoing=tuple(tuple(c) for c in outgoing),
-            crossings=MappingProxyType(dict(self._crossings())), left_hand=self.network.left_hand,
-        )  # fmt: skip
+            lanes=tuple(self.lanes),
+            lane_index=MappingProxyType({lane.id: lane.index for lane in self.lanes}),
+            edges=MappingProxyType(self.edges),
+            junctions=MappingProxyType(self._junctions()),
+            connections=tuple(connections),
+            outgoing=tuple(tuple(c) for c in outgoing),
+            crossings=MappingProxyType(dict(self._crossings())),
+            left_hand=self.network.left_hand,
+        )
         lane_of = np.array([place.lane for place in (*self.places, _NOWHERE)], dtype=np.int32)
         lane_of.setflags(write=False)
-        return PlannerMap(
-            roads, MapGraph(roads), tuple(self.places),
-            MappingProxyType({edge: self.places[lanes[0]] for edge, lanes in self.parts.items()}),
-            MappingProxyType(self.chains), MappingProxyType(self.crossed), lane_of,
-        )  # fmt: skip
+        of_edge = MappingProxyType({edge: self.places[lanes[0]] for edge, lanes in self.parts.items()})
+        chains, crossed = MappingProxyType(self.chains), MappingProxyType(self.crossed)
+        return PlannerMap(roads, MapGraph(roads), tuple(self.places), of_edge, chains, crossed, lane_of)
 
     def _chains(self) -> dict[str, tuple[str, ...]]:
         """Edges that follow each other with nothing between them but a cut, by the name that they get together."""
@@ -169,10 +171,9 @@ class _MapBuilder:
         straight = set(zip(own, other, strict=False))
         crossing = {(i, j) for i, j in self.links if self.edge_of[i] == a and self.edge_of[j] == b}
         lanes = self.network.lanes
-        return (
-            a != b and len(own) == len(other) and crossing == straight and self._speed(a) == self._speed(b)
-            and all(lanes[i].width == lanes[j].width for i, j in straight)
-        )  # fmt: skip
+        if a == b or len(own) != len(other) or crossing != straight or self._speed(a) != self._speed(b):
+            return False
+        return all(lanes[i].width == lanes[j].width for i, j in straight)
 
     def _name(self, chain: Sequence[str]) -> str:
         """The road's own name where a scene has cut it ("road.0", "road.1"), else that of its first edge."""
@@ -188,18 +189,13 @@ class _MapBuilder:
         base = len(self.lanes)
         for order, row in enumerate(rows):
             index = base + order
-            self.lanes.append(
-                MapLane(
-                    index, f"{name}_{order}", name, order, self._line(index, row),
-                    self.network.lanes[row[0]].width, self._speed(chain[0]), False,
-                    **lanes_beside(index, order, len(rows), self.network.left_hand),
-                )
-            )  # fmt: skip
+            lane, line = f"{name}_{order}", self._line(index, row)
+            width, speed = self.network.lanes[row[0]].width, self._speed(chain[0])
+            beside = lanes_beside(index, order, len(rows), self.network.left_hand)
+            self.lanes.append(MapLane(index, lane, name, order, line, width, speed, False, **beside))
         first, last = (self.network.edges[edge] for edge in (chain[0], chain[-1]))
-        self.edges[name] = MapEdge(
-            name, first.source, last.target, tuple(range(base, base + len(rows))), False,
-            self.lanes[base].line.length,
-        )  # fmt: skip
+        lanes, length = tuple(range(base, base + len(rows))), self.lanes[base].line.length
+        self.edges[name] = MapEdge(name, first.source, last.target, lanes, False, length)
 
     def _line(self, index: int, row: Sequence[int]) -> Polyline:
         """One lane's line through all edges of a chain; notes where the lanes are on it."""
@@ -255,12 +251,8 @@ class _MapBuilder:
             if link
             else source.width
         )
-        self.lanes.append(
-            MapLane(
-                index, f"{source.id}>{target.id}", "", 0, joined(parts), width,
-                min(source.speed, target.speed), True,
-            )
-        )  # fmt: skip
+        name, speed = f"{source.id}>{target.id}", min(source.speed, target.speed)
+        self.lanes.append(MapLane(index, name, "", 0, joined(parts), width, speed, True))
         return index
 
     def _junctions(self) -> dict[str, MapJunction]:

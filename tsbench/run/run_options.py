@@ -53,11 +53,11 @@ class Options:
 
     def check(self) -> None:
         """Refuse what the command line refuses by itself, for callers from Python. Raises InputError."""
-        choices = {"split": (self.request.split, SPLITS), "trace": (self.trace, TRACES),
-                   "device": (self.device, DEVICES), "executor": (self.executor, EXECUTORS)}  # fmt: skip
-        for name, (value, known) in choices.items():
-            if value not in known:
-                raise InputError(f"--{name} {value}: expected {', '.join(known)}")
+        names, known = ("split", "trace", "device", "executor"), (SPLITS, TRACES, DEVICES, EXECUTORS)
+        values = (self.request.split, self.trace, self.device, self.executor)
+        for name, value, choices in zip(names, values, known, strict=True):
+            if value not in choices:
+                raise InputError(f"--{name} {value}: expected {', '.join(choices)}")
         least = {"workers": (self.workers, 1), "memory-limit": (self.limits.most_memory, LEAST_MEMORY_MB)}
         for name, (number, bound) in least.items():
             if number is not None and number < bound:

@@ -117,11 +117,10 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
                 )
             status, journal = "complete", folder.journal
             if journal is not None:
-                setup = Setup(
-                    planners, perception, options.device, options.trace, str(folder.path.resolve()),
-                    plan.request.split, contract, runner=options.runner,
-                    loader=ISOLATED if options.isolate else "", hidden=hidden,
-                )  # fmt: skip
+                place, split = str(folder.path.resolve()), plan.request.split
+                given = (planners, perception, options.device, options.trace, place, split, contract)
+                loader = ISOLATED if options.isolate else ""
+                setup = Setup(*given, runner=options.runner, loader=loader, hidden=hidden)
 
                 def keep(record: Record) -> None:
                     folder.keep(record)
@@ -237,9 +236,13 @@ def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], options: O
     summary = None
     if not holes or options.allow_partial:
         summary = summarise(
-            episodes, contract_hash=contract, edition=folder.manifest["edition"], asked=asked,
-            marks=marks_of(folder.manifest), allow_partial=options.allow_partial,
-        )  # fmt: skip
+            episodes,
+            contract_hash=contract,
+            edition=folder.manifest["edition"],
+            asked=asked,
+            marks=marks_of(folder.manifest),
+            allow_partial=options.allow_partial,
+        )
     return RunResult(
         folder.path, status, sum(asked.values()), len(episodes), count_errors(episodes), contract, summary
     )

@@ -32,7 +32,7 @@ _STEP_S = 0.2
 _LONG_S = 60.0
 # A convoy can be at its own line no later than that after the ego can be in the zone.
 REACHED_AFTER_S = 1.0
-# For an ego that slows down it slows down as well: it is at its line so much later than the ego is expected in the zone.
+# For an ego that slows down it slows down too: it is at its line so much later than the ego is expected in the zone.
 # So it still comes, and does not stand there, when a slow ego decides.
 KEEPS_BACK_S = 1.5
 NEAR_M = 30.0

@@ -149,9 +149,12 @@ class Scene(SceneLayout):
         """Which name in some params is that of nothing in this scene, in words."""
         network = self.network
         known: dict[str, Container[str]] = {
-            "edge": network.edges, "lane": network.lane_index, "junction": network.junctions,
-            "crossing": network.crossings, "obstacle": {o.id for o in self.obstacles},
-        }  # fmt: skip
+            "edge": network.edges,
+            "lane": network.lane_index,
+            "junction": network.junctions,
+            "crossing": network.crossings,
+        }
+        known["obstacle"] = {o.id for o in self.obstacles}
         kinds = {f.name: f.metadata.get(NAMES, "") for f in fields(params)}
         for key, names in params.named().items():
             for name in names:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import os
+import shlex
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -35,12 +36,11 @@ _OWN_SPEED, _NO_PRIORITY = 31, 7
 # More than any car here gains in a step.
 _SPEED_UP_MPS = 0.5
 _KINDS = {"bus": ActorKind.BUS, "coach": ActorKind.BUS, "bicycle": ActorKind.BICYCLE}
-_OPTIONS = [
-    "--step-length", str(DT_S), "--no-step-log", "true", "--no-warnings", "true", "--duration-log.disable", "true",
-    "--time-to-teleport", "-1", "--collision.action", "none", "--default.speeddev", "0", "--xml-validation", "never",
-    "--xml-validation.net", "never", "--max-depart-delay", "5", "--ignore-route-errors", "false",
-    "--pedestrian.striping.dawdling", "0",
-]  # fmt: skip
+_OPTIONS = shlex.split(
+    f"--step-length {DT_S} --no-step-log true --no-warnings true --duration-log.disable true --time-to-teleport -1 "
+    "--collision.action none --default.speeddev 0 --xml-validation never --xml-validation.net never "
+    "--max-depart-delay 5 --ignore-route-errors false --pedestrian.striping.dawdling 0"
+)
 
 
 # What stays the same of a road user: id, row in the table, half its length, length, width.

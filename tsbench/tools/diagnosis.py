@@ -208,8 +208,9 @@ def judge_packages(
         remedy = f"only if you need it: pip install 'tsbench[{extra}]'" if wrong else ""
         yield Diagnosis(Status.NOTE if wrong else Status.OK, "packages", text, remedy)
     pinned = [r for r in map(Requirement, pins) if r.marker is None or r.marker.evaluate()]
-    other = [f"{r.name} {there[r.name]} instead of {r.specifier}" for r in pinned
-             if r.name in there and not r.specifier.contains(there[r.name], prereleases=True)]  # fmt: skip
+    known = [r for r in pinned if r.name in there]
+    apart = [r for r in known if not r.specifier.contains(there[r.name], prereleases=True)]
+    other = [f"{r.name} {there[r.name]} instead of {r.specifier}" for r in apart]
     if other:
         text = f"other versions than those known to work together: {', '.join(other)}"
         yield Diagnosis(Status.NOTE, "packages", text, f"if something fails: {REPAIR}")

@@ -51,11 +51,9 @@ def check_arithmetic(folder: Path = _FOLDER) -> Iterator[Diagnosis]:
     yield Diagnosis(Status.OK, "packages", ", ".join(others))
     reference = json.loads((folder / _REFERENCE).read_text(encoding="utf-8"))
     same_libm = here["answers"]["libm"] == reference["libm"]
-    yield Diagnosis(
-        Status.OK if same_libm else Status.NOTE, "libm",
-        "as where the reference was made" if same_libm else "answers otherwise than where the reference was made",
-        "" if same_libm else _REMEDY,
-    )  # fmt: skip
+    said = "as" if same_libm else "answers otherwise than"
+    status, remedy = (Status.OK, "") if same_libm else (Status.NOTE, _REMEDY)
+    yield Diagnosis(status, "libm", f"{said} where the reference was made", remedy)
     rows = {row.scenario_id: row for row in read_table(table_path("test"))}
     sim, loader = Simulation(), SceneLoader()
     for name in PLANNERS:

@@ -14,8 +14,7 @@ from training_helpers import fresh_blind, fresh_tuned, fresh_weights
 from tsbench.planners import registry
 from tsbench.planners.base import Control
 from tsbench.planners.plant2.layout import PATH_POINTS, PLAN
-from tsbench.planners.plant2.planner_blind import Plant2Blind
-from tsbench.planners.plant2.planner_ft import Plant2Ft, StopPolicy
+from tsbench.planners.plant2.planner_ft import Plant2Blind, Plant2Ft, StopPolicy
 from tsbench.planners.plant2.plant2_network import Plant2Network
 from tsbench.planners.plant2.plant2_planner import HOLD_TICKS, Gains, Plant2, control
 from tsbench.sim.ego import Motion, advance
@@ -44,7 +43,7 @@ def commands(planner: Plant2, drive: Recorder, *, signs: bool) -> list[Control]:
 
 
 def test_the_learned_floor_sees_posts_and_nothing_on_them(drive: Recorder, folder: Path) -> None:
-    entry = registry.resolve("tsbench.planners.plant2.planner_blind:Plant2Blind")
+    entry = registry.resolve("tsbench.planners.plant2.planner_ft:Plant2Blind")
     assert (entry.floor, entry.sign_access, entry.privileged) == (True, False, False)
     planner = Plant2Blind(folder=folder)
     plates = [with_signs(o) for o in drive.seen]

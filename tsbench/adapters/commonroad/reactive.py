@@ -17,7 +17,7 @@ import numpy as np
 from commonroad.common.util import Interval
 from commonroad.planning.goal import GoalRegion
 from commonroad.planning.planning_problem import PlanningProblem
-from commonroad.scenario.state import CustomState, InitialState
+from commonroad.scenario.state import CustomState
 from commonroad.scenario.traffic_sign import SupportedTrafficSignCountry
 from commonroad.scenario.traffic_sign_interpreter import TrafficSignInterpreter
 from commonroad_clcs.pycrccosy import (
@@ -36,7 +36,7 @@ from commonroad_rp.utility.config import (
 )
 from commonroad_rp.utility.utils_coordinate_system import create_coordinate_system
 
-from tsbench.adapters.commonroad.scenario import LiveScenario, walls
+from tsbench.adapters.commonroad.scenario import LiveScenario, state_of, walls
 from tsbench.geometry.angles import wrap
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.planners.base import Observation, PlannerContext, Trajectory
@@ -171,10 +171,11 @@ class Reactive:
             steering = math.atan(
                 EGO.wheelbase * float(np.interp(s, self._frame.ref_pos, self._frame.ref_curv))
             )
+        place = np.array([ego.x, ego.y]) - back
+        moving = {"velocity": ego.speed, "acceleration": ego.acceleration, "yaw_rate": ego.yaw_rate}
         return ReactivePlannerState(
-            time_step=0, position=np.array([ego.x, ego.y]) - back, orientation=ego.heading, velocity=ego.speed,
-            acceleration=ego.acceleration, steering_angle=steering, yaw_rate=ego.yaw_rate,
-        )  # fmt: skip
+            time_step=0, position=place, orientation=ego.heading, steering_angle=steering, **moving
+        )
 
     def _desired(self, o: Observation, network: Any) -> float:
         """The speed to go at: what plates, roads and bends ahead let it have, if it brakes for them at ease."""
@@ -225,25 +226,27 @@ class _Frame:
 def _configuration() -> Any:
     """The planner's defaults, for tsbench's ego, in one process, with a horizon of 4 s."""
     axle = EGO.wheelbase / 2
+    turns = {
+        "delta_min": -EGO.steering,
+        "delta_max": EGO.steering,
+        "v_delta_min": -EGO.steering_rate,
+        "v_delta_max": EGO.steering_rate,
+    }
+    vehicle = VehicleConfiguration(
+        length=EGO.length, width=EGO.width, wb_front_axle=axle, wb_rear_axle=axle, a_max=EGO.braking, **turns
+    )
     return ReactivePlannerConfiguration(
-        vehicle=VehicleConfiguration(
-            length=EGO.length, width=EGO.width, wb_front_axle=axle, wb_rear_axle=axle, a_max=EGO.braking,
-            delta_min=-EGO.steering, delta_max=EGO.steering,
-            v_delta_min=-EGO.steering_rate, v_delta_max=EGO.steering_rate,
-        ),
+        vehicle=vehicle,
         planning=PlanningConfiguration(time_steps_computation=STEPS, replanning_frequency=EVERY),
         sampling=SamplingConfiguration(num_sampling_levels=_LEVELS),
         debug=DebugConfiguration(multiproc=False, logging_level="CRITICAL"),
-    )  # fmt: skip
+    )
 
 
 def _problem(o: Observation, speed: float) -> Any:
     """From where the ego is, at that speed. The planner takes nothing else from a goal; where to go, its way says."""
     ego = o.ego
-    start = InitialState(
-        time_step=0, position=np.array([ego.x, ego.y]), orientation=ego.heading, velocity=ego.speed,
-        yaw_rate=ego.yaw_rate, slip_angle=0.0, acceleration=ego.acceleration,
-    )  # fmt: skip
+    start = state_of(ego.x, ego.y, ego.heading, ego.speed, ego.acceleration, ego.yaw_rate)
     goal = CustomState(time_step=Interval(0, STEPS), velocity=Interval(speed, speed))
     return PlanningProblem(1, start, GoalRegion([goal]))
 

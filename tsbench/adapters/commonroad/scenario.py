@@ -99,10 +99,7 @@ class LiveScenario:
             )
             shape = Rectangle(float(actors.length[k]), float(actors.width[k]))
             speed = float(actors.speed[k])
-            first = InitialState(
-                time_step=0, position=np.array([x, y]), orientation=heading, velocity=speed, acceleration=0.0,
-                yaw_rate=0.0, slip_angle=0.0,
-            )  # fmt: skip
+            first = state_of(x, y, heading, speed)
             states = [
                 CustomState(
                     time_step=step,
@@ -191,18 +188,21 @@ def _ids_of(network: Any) -> list[int]:
     ]
 
 
+def state_of(
+    x: float, y: float, heading: float, speed: float, acceleration: float = 0.0, yaw_rate: float = 0.0
+) -> Any:
+    """How something moves at the start."""
+    place = {"position": np.array([x, y]), "orientation": heading, "velocity": speed}
+    return InitialState(time_step=0, slip_angle=0.0, acceleration=acceleration, yaw_rate=yaw_rate, **place)
+
+
 def _fixed(o: Observation, free: Iterator[int]) -> list[Any]:
-    return [
-        StaticObstacle(
-            next(free), ObstacleType.CONSTRUCTION_ZONE if one.shape == "cones" else ObstacleType.ROAD_BOUNDARY,
-            Rectangle(one.length, one.width),
-            InitialState(
-                time_step=0, position=np.array([one.x, one.y]), orientation=one.heading, velocity=0.0, acceleration=0.0,
-                yaw_rate=0.0, slip_angle=0.0,
-            ),
-        )
-        for one in o.obstacles
-    ]  # fmt: skip
+    found = []
+    for one in o.obstacles:
+        kind = ObstacleType.CONSTRUCTION_ZONE if one.shape == "cones" else ObstacleType.ROAD_BOUNDARY
+        shape, state = Rectangle(one.length, one.width), state_of(one.x, one.y, one.heading, 0.0)
+        found.append(StaticObstacle(next(free), kind, shape, state))
+    return found
 
 
 def _network(roads: RoadMap, plates: list[SignView]) -> tuple[Any, dict[int, tuple[tuple[float, int], ...]]]:
@@ -235,12 +235,9 @@ def _network(roads: RoadMap, plates: list[SignView]) -> tuple[Any, dict[int, tup
             piece = lane.line if len(parts) == 1 else lane.line.slice(begins, end)
             left, right = (piece.beside(d) for d in (lane.width / 2, -lane.width / 2))
             line = _stop_line(roads, lane, plates, sign_ids) if end == lane.line.length else None
-            network.add_lanelet(
-                Lanelet(
-                    left, np.array(piece.points), right, lanelet_id, before[lanelet_id], after[lanelet_id],
-                    **beside, **same, stop_line=line,
-                )
-            )  # fmt: skip
+            lines = (left, np.array(piece.points), right)
+            ways = (lanelet_id, before[lanelet_id], after[lanelet_id])
+            network.add_lanelet(Lanelet(*lines, *ways, **beside, **same, stop_line=line))
             for sign, held in zip(plates, holds, strict=True):
                 begun = _is_on(roads, sign, lane) and sign.position_m <= begins + _SHORTEST_M
                 if begun and not any(_is_on(roads, end, lane) and _ends(end, sign, begins) for end in plates):

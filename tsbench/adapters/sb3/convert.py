@@ -79,20 +79,29 @@ def convert(model: Path, out: Path, *, action: str | None, hold: int, draws: boo
         observation = observation_of(inputs)
     except InputError as problem:
         raise InputError(f"{model}: {problem}") from None
-    facts = {
-        "from": family, "file": model.name, "sha256": digest, "stable_baselines3": version,
-        "observation": observation, "action": _action(model, action, actions), "hold": hold, "draws": draws,
-        "activation": _activation(model, data, TANH if on_policy else RELU), "squashed": not on_policy,
-    }  # fmt: skip
+    kind = _activation(model, data, TANH if on_policy else RELU)
+    facts: dict[str, Any] = {
+        "from": family,
+        "file": model.name,
+        "sha256": digest,
+        "stable_baselines3": version,
+        "observation": observation,
+        "action": _action(model, action, actions),
+        "hold": hold,
+        "draws": draws,
+        "activation": kind,
+        "squashed": not on_policy,
+    }
     try:
         mlp(tensors, facts)
     except (KeyError, ValueError) as problem:
         raise InputError(f"{model}: its network cannot be taken ({problem})") from None
     made = save_weights(WEIGHTS, out, tensors, facts)
-    text = _PLANNER.format(
-        what=f"A policy of Stable-Baselines3 ({family}) that sees `{observation}` and acts by `{facts['action']}`.",
-        name=name, file=(out / "planner.py").name, reads=observation in READING, chooses=facts["action"] == EXIT,
-    )  # fmt: skip
+    told = (
+        f"A policy of Stable-Baselines3 ({family}) that sees `{observation}` and acts by `{facts['action']}`."
+    )
+    reads, chooses = observation in READING, facts["action"] == EXIT
+    text = _PLANNER.format(what=told, name=name, file="planner.py", reads=reads, chooses=chooses)
     write_atomic(out / "planner.py", text.encode())
     return made
 

@@ -21,13 +21,15 @@ from tsbench.signs.model import ScenarioType
 
 _COLUMNS = 5
 _KINDS = {
-    at.CAR: "car", at.BUS: "bus", at.BICYCLE: "bicycle", at.PEDESTRIAN: "pedestrian", at.STATIC: "island",
-}  # fmt: skip
+    at.CAR: "car",
+    at.BUS: "bus",
+    at.BICYCLE: "bicycle",
+    at.PEDESTRIAN: "pedestrian",
+    at.STATIC: "island",
+}
 _SIDE_M, _BACK_M, _PX_PER_M = 20.0, 12.0, 8.0
-_CAMERA = Camera(
-    -_SIDE_M, at.PATCH_AHEAD_M, _PX_PER_M, round(2 * _SIDE_M * _PX_PER_M),
-    round((at.PATCH_AHEAD_M + _BACK_M) * _PX_PER_M),
-)  # fmt: skip
+_WIDTH, _HEIGHT = round(2 * _SIDE_M * _PX_PER_M), round((at.PATCH_AHEAD_M + _BACK_M) * _PX_PER_M)
+_CAMERA = Camera(-_SIDE_M, at.PATCH_AHEAD_M, _PX_PER_M, _WIDTH, _HEIGHT)
 _LINE_M, _DOT_M, _LETTER_PX = 0.2, 0.35, 11
 
 

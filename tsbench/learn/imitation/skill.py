@@ -13,8 +13,7 @@ from tsbench.core.machine import one_thread_each
 from tsbench.core.parallel import worker_processes
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.planners.plant2.planner_blind import Plant2Blind
-from tsbench.planners.plant2.planner_ft import Plant2Ft, StopPolicy
+from tsbench.planners.plant2.planner_ft import Plant2Blind, Plant2Ft, StopPolicy
 from tsbench.planners.plant2.plant2_planner import Plant2
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.scenarios.spec import ScenarioSpec
@@ -74,13 +73,10 @@ def skill_of(ends: Sequence[End]) -> Skill:
     if broken:
         raise SimulationError(f"validation: {len(broken)} episodes broke off, the first by: {broken[0]}")
     count = max(len(ends), 1)
-    share = {kind: sum(end.outcome == kind for end in ends) / count for kind in Outcome}
-    return Skill(
-        episodes=len(ends), arrived=share[Outcome.ARRIVED], collision=share[Outcome.COLLISION],
-        off_road=share[Outcome.OFF_ROAD], timeout=share[Outcome.TIMEOUT],
-        scd=sum(end.outcome is Outcome.ARRIVED and end.obeyed for end in ends) / count,
-        compliant=sum(end.obeyed for end in ends) / count,
-    )  # fmt: skip
+    ways = (Outcome.ARRIVED, Outcome.COLLISION, Outcome.OFF_ROAD, Outcome.TIMEOUT)
+    share = {str(way): sum(end.outcome == way for end in ends) / count for way in ways}
+    scd = sum(end.outcome is Outcome.ARRIVED and end.obeyed for end in ends) / count
+    return Skill(episodes=len(ends), scd=scd, compliant=sum(end.obeyed for end in ends) / count, **share)
 
 
 def _drive(

@@ -115,9 +115,13 @@ def collect(options: CollectOptions, watcher: ProgressListener) -> Collected:
 
 
 def _collect(
-    options: CollectOptions, plan: RunPlan, pool: Executor, planners: tuple[PlannerInfo, ...],
-    collection: Collection, watcher: ProgressListener,
-) -> Collected:  # fmt: skip
+    options: CollectOptions,
+    plan: RunPlan,
+    pool: Executor,
+    planners: tuple[PlannerInfo, ...],
+    collection: Collection,
+    watcher: ProgressListener,
+) -> Collected:
     wanted = {
         p.name: plan.scenarios
         if p.weights_sha256 is None

@@ -46,8 +46,17 @@ RULES, LEARNED = "rules", "learned"
 _JOURNAL, _TRIES = "journal.jsonl", "tries.parquet"
 _PARTS = {"row", "events", "timing", "trace"}
 _ROW = {
-    "planner", "scenario_id", "outcome", "error", "scd", "tries", "commands", "intents", "scenario", "code",
-}  # fmt: skip
+    "planner",
+    "scenario_id",
+    "outcome",
+    "error",
+    "scd",
+    "tries",
+    "commands",
+    "intents",
+    "scenario",
+    "code",
+}
 _OUTDATED = "of a scenario or an expert that has changed"
 
 

@@ -21,11 +21,8 @@ from tsbench.run.stepped_episode import Judged, Step, process_episode
 from tsbench.scenarios.spec import ScenarioSpec
 
 # The tables of `scene`, by the name that follows `observation.`.
-SEEN = {
-    "state": "ego", "route": "route", "plates": "plates", "plates_mask": "plates_mask",
-    "lanes": "lanes", "lanes_mask": "lanes_mask", "actors": "actors", "actors_mask": "actors_mask",
-    "obstacles": "obstacles", "obstacles_mask": "obstacles_mask",
-}  # fmt: skip
+_TABLES = [f"{name}{mask}" for name in ("plates", "lanes", "actors", "obstacles") for mask in ("", "_mask")]
+SEEN = {"state": "ego", "route": "route", **{name: name for name in _TABLES}}
 REWARDS = ("progress", "violation", "needless", "end")
 
 
@@ -46,9 +43,13 @@ def shapes(seen: SceneSeen) -> dict[str, tuple[int, ...]]:
 def driven(index: int, drive: Recorded, row: ScenarioSpec, seen: SceneSeen) -> Driven:
     """A drive, driven again. Raises SimulationError as a replay does."""
     facts = {
-        "scenario_id": row.scenario_id, "planner": drive.planner, "part": drive.part,
-        "type": row.scenario_type, "sign": row.sign_code, "half": row.half,
-    }  # fmt: skip
+        "scenario_id": row.scenario_id,
+        "planner": drive.planner,
+        "part": drive.part,
+        "type": row.scenario_type,
+        "sign": row.sign_code,
+        "half": row.half,
+    }
     return Driven(index, facts, list(_ticks(drive, row, seen)))
 
 

@@ -1,4 +1,4 @@
-"""`plant2-ft`: `plant2` that reads signs."""
+"""`plant2-ft`: `plant2` that reads signs; and `plant2-blind`, which has learned without them."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.common.batching import Infer
+from tsbench.planners.floor.blind import masked
 from tsbench.planners.plant2.layout import SIGN_SIDE_M, SIGN_TOKENS, Record, Records
 from tsbench.planners.plant2.plant2_planner import Plant2
 from tsbench.planners.plant2.route_alternatives import RouteAlternatives
@@ -134,3 +135,22 @@ class Plant2Ft(Plant2):
         self._signs.watch(observation)
         self._signs.fill(record[0], observation)
         return record
+
+
+class Plant2Blind(Plant2Ft):
+    """`plant2-ft` that has learned with posts in place of plates. Source: docs/floor.md.
+
+    It masks plates by itself before it looks, so it drives alike with and without `--mask-signs`.
+    """
+
+    sign_access = False
+    floor = True
+    weights: ClassVar[str] = "plant2-blind"
+
+    def act(self, observation: Observation) -> Control:
+        """As `Plant2Ft.act`, of what is seen without plates."""
+        return super().act(masked(observation))
+
+    def encode(self, observation: Observation) -> Records:
+        """Masked here too: answers for several observations at once are asked for without `act`."""
+        return super().encode(masked(observation))

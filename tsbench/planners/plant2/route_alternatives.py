@@ -83,10 +83,12 @@ class RouteAlternatives:
             points = points_ahead(way.line, way.s, at.WAY_AHEAD_M, pose)
             record["way_known"][k] = 1
             record["ways"][k, : -at.WAY_FACTS] = (points / at.POSITION_SCALE_M).ravel()
-            record["ways"][k, -at.WAY_FACTS :] = (
-                math.cos(way.turn), math.sin(way.turn), (way.exit_s - way.s) / at.POSITION_SCALE_M,
-                min(way.end_s - way.s, _MOST_REMAINING_M) / at.REMAINING_SCALE_M, way.shown,
-            )  # fmt: skip
+            onward, left = (
+                (way.exit_s - way.s) / at.POSITION_SCALE_M,
+                min(way.end_s - way.s, _MOST_REMAINING_M),
+            )
+            facts = (math.cos(way.turn), math.sin(way.turn), onward, left / at.REMAINING_SCALE_M, way.shown)
+            record["ways"][k, -at.WAY_FACTS :] = facts
 
     def _from(self, lane: int, s: float, route: RoutePath) -> Iterator[Way]:
         edge, last = self._graph.edge_of(lane), self._destination.edge

@@ -152,8 +152,7 @@ def fill_signs(
             continue
         dx, dy, turn = sign.x - x0, sign.y - y0, sign.heading - heading
         record["sign_classes"][slot] = classes[sign.code]
-        record["signs"][slot] = (
-            (c * dx + s * dy) / at.POSITION_SCALE_M, (c * dy - s * dx) / at.POSITION_SCALE_M,
-            math.cos(turn), math.sin(turn), *_value_and_lane(sign, lane_order),
-        )  # fmt: skip
+        ahead, left = (c * dx + s * dy) / at.POSITION_SCALE_M, (c * dy - s * dx) / at.POSITION_SCALE_M
+        own = _value_and_lane(sign, lane_order)
+        record["signs"][slot] = (ahead, left, math.cos(turn), math.sin(turn), *own)
         slot += 1

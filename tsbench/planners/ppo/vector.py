@@ -54,13 +54,10 @@ class VectorEncoder:
         seen = self._lidar.scan(observation)
         allowed, limit, way = pace(observation, self._speed)
         left, right = float(seen[RAYS // 4]), float(seen[3 * RAYS // 4])
-        numbers = [
-            *motion(observation), *on_route(observation),
-            min(left / _ROOM_M, 1.0), min(right / _ROOM_M, 1.0), allowed,
-            *(value for distance in _AHEAD_M for value in ahead(observation, distance)),
-            way, limit,
-            *_neighbours(observation),
-        ]  # fmt: skip
+        room = min(left / _ROOM_M, 1.0), min(right / _ROOM_M, 1.0)
+        beyond = (value for distance in _AHEAD_M for value in ahead(observation, distance))
+        numbers = [*motion(observation), *on_route(observation), *room, allowed, *beyond, way, limit]
+        numbers += _neighbours(observation)
         out = np.empty(SIZE, dtype=np.float32)
         out[:-RAYS] = numbers
         np.divide(seen, REACH_M, out=out[-RAYS:], casting="same_kind")

@@ -17,7 +17,14 @@ from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.paired_differences import Comparison, compare, shared_scenarios
 from tsbench.metrics.scd_records import PARTS
 from tsbench.report.analyses.analysis import ALL, Analysis, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.columns import NAMES, READINGS_NOTE, SCD_NOTE, text_columns
+from tsbench.report.analyses.columns import (
+    NAMES,
+    READINGS_NOTE,
+    SCD_NOTE,
+    count_columns,
+    number_columns,
+    text_columns,
+)
 from tsbench.report.analyses.run_pool import RunPool, check_contract, make_pool
 from tsbench.report.tables.charts import INK, PALE
 from tsbench.report.tables.forest import (
@@ -73,12 +80,14 @@ def _compare(plain: RunPool, masked: RunPool, planner: str) -> Comparison:
 
 def _analysis(plain: RunPool, masked: RunPool, found: Mapping[str, Comparison]) -> Analysis:
     columns = (
-        *text_columns("planner", "metric", "figure"), Column("n", "n", Kind.COUNT),
-        Column("with_signs", "with\nsigns", Kind.NUMBER), Column("masked", "masked", Kind.NUMBER),
-        Column("difference", "masked\n- with"), Column("p", "p", Kind.P), Column("mde", "MDE", Kind.NUMBER),
-        Column("lost", "lost", Kind.COUNT), Column("gained", "gained", Kind.COUNT),
-        Column("places", "places", Kind.COUNT),
-    )  # fmt: skip
+        *text_columns("planner", "metric", "figure"),
+        *count_columns("n"),
+        *number_columns(with_signs="with\nsigns", masked="masked"),
+        Column("difference", "masked\n- with"),
+        Column("p", "p", Kind.P),
+        *number_columns(mde="MDE"),
+        *count_columns("lost", "gained", "places"),
+    )
     rows = tuple(row for name, c in found.items() for row in _rows(plain.label(name), c))
     scenarios = sorted({c.scenarios for c in found.values()})
     told = "–".join(str(n) for n in dict.fromkeys((scenarios[0], scenarios[-1])))

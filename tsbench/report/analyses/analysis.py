@@ -258,11 +258,19 @@ def _escape(text: str) -> str:
     return "".join(f"\\{letter}" if letter in "\\`*_<>[]" else letter for letter in text)
 
 
+_COMMANDS = {
+    "\\": "backslash",
+    "~": "asciitilde",
+    "^": "asciicircum",
+    "<": "less",
+    ">": "greater",
+    "|": "bar",
+}
 _SPECIAL = {
-    "\\": r"\textbackslash{}", "{": r"\{", "}": r"\}", "$": r"\$", "&": r"\&", "#": r"\#", "%": r"\%", "_": r"\_",
-    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}",
-    "|": r"\textbar{}", "–": "--", "±": r"$\pm$", "ρ": r"$\rho$", "×": r"$\times$", "\n": " ",
-}  # fmt: skip
+    **{mark: rf"\text{name}{{}}" for mark, name in _COMMANDS.items()},
+    **{mark: f"\\{mark}" for mark in "{}$&#%_"},
+    **{"–": "--", "±": r"$\pm$", "ρ": r"$\rho$", "×": r"$\times$", "\n": " "},
+}
 
 
 def escape(text: str) -> str:

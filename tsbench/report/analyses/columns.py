@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import cache
 from importlib.resources import files
 from typing import TypeVar
@@ -77,18 +78,31 @@ def with_rings(places: str, kind: str, placed: bool) -> str:
     return f"{places} rings" if placed and kind == "roundabout" else places
 
 
-def text_columns(*names: str) -> tuple[Column, ...]:
-    return tuple(Column(name, name, Kind.TEXT) for name in names)
+def text_columns(*names: str, **heads: str) -> tuple[Column, ...]:
+    """Columns with their own names as heads, then those with other heads by name."""
+    return tuple(
+        Column(name, head, Kind.TEXT) for name, head in (*zip(names, names, strict=True), *heads.items())
+    )
+
+
+def count_columns(*names: str, **heads: str) -> tuple[Column, ...]:
+    return tuple(replace(column, kind=Kind.COUNT) for column in text_columns(*names, **heads))
+
+
+def number_columns(decimals: int = 1, **heads: str) -> tuple[Column, ...]:
+    return tuple(Column(name, head, Kind.NUMBER, decimals) for name, head in heads.items())
 
 
 def difference_columns(a: str, b: str, difference: str, decimals: int = 1) -> tuple[Column, ...]:
     """Columns below which `difference_rows` puts its cells. The arguments are heads."""
     return (
-        Column("figure", "figure", Kind.TEXT), Column("a", a, Kind.NUMBER, decimals),
-        Column("b", b, Kind.NUMBER, decimals), Column("difference", difference, decimals=decimals, signed=True),
-        Column("p", "p", Kind.P), Column("mde", "MDE", Kind.NUMBER, decimals), Column("lost", "lost", Kind.COUNT),
-        Column("won", "won", Kind.COUNT), Column("n", "n", Kind.COUNT),
-    )  # fmt: skip
+        *text_columns("figure"),
+        *number_columns(decimals, a=a, b=b),
+        Column("difference", difference, decimals=decimals, signed=True),
+        Column("p", "p", Kind.P),
+        *number_columns(decimals, mde="MDE"),
+        *count_columns("lost", "won", "n"),
+    )
 
 
 def difference_rows(

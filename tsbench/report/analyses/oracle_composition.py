@@ -14,8 +14,14 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.figure import Figure
 
-from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Column, Kind, Row, Table
-from tsbench.report.analyses.columns import in_published_order, published
+from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Row, Table
+from tsbench.report.analyses.columns import (
+    count_columns,
+    in_published_order,
+    number_columns,
+    published,
+    text_columns,
+)
 from tsbench.report.tables.charts import INK
 from tsbench.report.tables.forest import put_counts
 from tsbench.signs.model import GROUPS
@@ -46,13 +52,14 @@ def composition(drives: Sequence[RankedDrive], scenarios: Mapping[str, int], spl
     """One block for all types and for each group. scenarios: how many the split has, by group."""
     planners = in_published_order({d.planner for d in drives})
     columns = (
-        Column("group", "group", Kind.TEXT), Column("planner", "expert", Kind.TEXT),
-        Column("drives", "drives", Kind.COUNT), Column("share", "share of\ndrives, %", Kind.NUMBER),
-        Column("first", "best of\nscenario", Kind.COUNT),
-        Column("hours", "driven,\nh", Kind.NUMBER), Column("scenarios", "scenarios", Kind.COUNT),
-        Column("covered", "with a\ndrive", Kind.COUNT), Column("coverage", "with a\ndrive, %", Kind.NUMBER, 2),
-        Column("per_scenario", "drives per\nscenario", Kind.NUMBER, 2),
-    )  # fmt: skip
+        *text_columns("group", planner="expert"),
+        *count_columns("drives"),
+        *number_columns(share="share of\ndrives, %"),
+        *count_columns(first="best of\nscenario"),
+        *number_columns(hours="driven,\nh"),
+        *count_columns("scenarios", covered="with a\ndrive"),
+        *number_columns(2, coverage="with a\ndrive, %", per_scenario="drives per\nscenario"),
+    )
     rows: list[Row] = []
     for group in _groups(scenarios):
         own = [d for d in drives if group in (ALL, d.group)]
@@ -92,10 +99,9 @@ def _hours(drives: Sequence[RankedDrive]) -> float:
 
 def _block(group: str, drives: Sequence[RankedDrive], size: int) -> tuple[Cell, ...]:
     covered = _covered(drives)
-    return (
-        group, _EVERYBODY, len(drives), 100.0 if drives else None, covered, _hours(drives), size, covered,
-        100.0 * covered / size, len(drives) / size,
-    )  # fmt: skip
+    share, mean = 100.0 * covered / size, len(drives) / size
+    whole = 100.0 if drives else None
+    return group, _EVERYBODY, len(drives), whole, covered, _hours(drives), size, covered, share, mean
 
 
 def _line(group: str, planner: str, drives: Sequence[RankedDrive]) -> tuple[Cell, ...]:

@@ -13,8 +13,16 @@ from tsbench.core.errors import InputError
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import STRICT
 from tsbench.metrics.scd_records import PARTS
-from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.columns import INTERVAL_NOTE, NAMES, SCD_NOTE, panels_of, pick, text_columns
+from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Column, Row, Table, Value
+from tsbench.report.analyses.columns import (
+    INTERVAL_NOTE,
+    NAMES,
+    SCD_NOTE,
+    count_columns,
+    panels_of,
+    pick,
+    text_columns,
+)
 from tsbench.report.analyses.failures import CAUSE_NOTES, CAUSES, causes_of
 from tsbench.report.analyses.run_pool import RunPool, check_contract, make_pool
 from tsbench.report.tables.compare_runs import SELECTION, differing
@@ -57,10 +65,11 @@ def _analysis(pools: dict[str, RunPool]) -> Analysis:
     names = tuple(dict.fromkeys(name for pool in pools.values() for name in pool.planners))
     first = next(iter(pools.values()))
     columns = (
-        *text_columns("planner", "level"), *(Column(part, f"{NAMES[part]}\n%") for part in PARTS),
-        Column("n", "n", Kind.COUNT), Column("places", "places", Kind.COUNT),
-        Column("failed", "signed halves\nfailed", Kind.COUNT), *(Column(c, c, Kind.COUNT) for c in CAUSES),
-    )  # fmt: skip
+        *text_columns("planner", "level"),
+        *(Column(part, f"{NAMES[part]}\n%") for part in PARTS),
+        *count_columns("n", "places", failed="signed halves\nfailed"),
+        *count_columns(*CAUSES),
+    )
     rows = tuple(row for name in names for row in _rows(pools, name))
     missing = sum(sum(pool.holes.values()) for pool in pools.values())
     title = f"PARTIAL, {missing} episodes missing: " if missing else ""

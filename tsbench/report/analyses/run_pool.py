@@ -182,8 +182,11 @@ def _check_selection(a: StoredRun, b: StoredRun) -> None:
 
 # Which halves of a pair were passed, by whether the signed and the contrast half was.
 PASSES = {
-    (True, True): "both", (True, False): "only signed", (False, True): "only contrast", (False, False): "none",
-}  # fmt: skip
+    (True, True): "both",
+    (True, False): "only signed",
+    (False, True): "only contrast",
+    (False, False): "none",
+}
 Key = tuple[str, str]
 Row = Mapping[str, Any]
 

@@ -11,12 +11,14 @@ from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import STRICT
 from tsbench.metrics.intervals import MIN_CLUSTERS
 from tsbench.metrics.scd_records import SIGNED_ONES
-from tsbench.report.analyses.analysis import ALL, Analysis, Column, Kind, Row, Table, Value
+from tsbench.report.analyses.analysis import ALL, Analysis, Column, Row, Table, Value
 from tsbench.report.analyses.columns import (
     NAMES,
     NOTE,
     READINGS_NOTE,
     SCD_NOTE,
+    count_columns,
+    number_columns,
     panels_of,
     present_panels,
     present_parts,
@@ -31,11 +33,13 @@ from tsbench.report.tables.forest import ForestRow, Mark, colour_of, forest_pane
 
 def intervals(pool: RunPool) -> Analysis:
     columns = (
-        Column("planner", "planner", Kind.TEXT), Column("group", "types", Kind.TEXT),
-        *text_columns("score", "figure"), Column("scd", "SCD\n%"), Column("n", "n", Kind.COUNT),
-        Column("places", "places", Kind.COUNT), Column("types", "types\naveraged", Kind.COUNT),
-        Column("published", "published\n%", Kind.NUMBER), Column("method", "interval", Kind.TEXT),
-    )  # fmt: skip
+        *text_columns("planner", group="types"),
+        *text_columns("score", "figure"),
+        Column("scd", "SCD\n%"),
+        *count_columns("n", "places", types="types\naveraged"),
+        *number_columns(published="published\n%"),
+        *text_columns(method="interval"),
+    )
     table = Table(columns, tuple(row for p in pool.summaries for row in _rows(p, pool.contract)), 4)
     told = [NOTE] if any(row.cells[8] is not None for row in table.rows) else []
     notes = (f"{SCD_NOTE}, with its 95 % interval. n: pairs, halves", READINGS_NOTE, *told)

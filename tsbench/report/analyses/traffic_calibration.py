@@ -25,7 +25,8 @@ from tsbench.dataset.scenes.calibration import (
 )
 from tsbench.episode.trace import Trace, read_trace
 from tsbench.geometry.polyline import Array
-from tsbench.report.analyses.analysis import Analysis, Column, Kind, Row, Table
+from tsbench.report.analyses.analysis import Analysis, Row, Table
+from tsbench.report.analyses.columns import count_columns, number_columns, text_columns
 from tsbench.report.analyses.run_pool import EpisodeIndex, RunPool
 from tsbench.run.edition import contract_now, standing_contract
 from tsbench.scenarios.certificates import certificates_path, read_certificates
@@ -40,9 +41,11 @@ _JUDGED = {None: "no goal", True: "met", False: "missed"}
 def calibration(fits: Sequence[Fit], split: str | None) -> Analysis:
     """One row for each quantity. split: whose scenarios they are of, None: all that are there."""
     columns = (
-        Column("quantity", "quantity", Kind.TEXT), Column("unit", "unit", Kind.TEXT), Column("n", "n", Kind.COUNT),
-        Column("ks", "KS", Kind.NUMBER, 3), Column("goal", f"at most\n{GOAL:.2f}", Kind.TEXT),
-    )  # fmt: skip
+        *text_columns("quantity", "unit"),
+        *count_columns("n"),
+        *number_columns(3, ks="KS"),
+        *text_columns(goal=f"at most\n{GOAL:.2f}"),
+    )
     rows = tuple(
         Row((fit.quantiles.name, fit.quantiles.unit, len(fit.sample), fit.distance, _JUDGED[fit.good]))
         for fit in fits

@@ -51,10 +51,11 @@ class Strip:
         time = np.array([s.time for s in trace.snapshots])
         self._last = max(float(time[-1]), 1e-9)
         half = height // 2
+        accelerations = np.array([s.ego.acceleration for s in trace.snapshots])
         panels = (
             ("speed", "km/h", 3.6 * np.array([s.ego.speed for s in trace.snapshots]), _SPEED_KMH),
-            ("acceleration", "m/s²", np.array([s.ego.acceleration for s in trace.snapshots]), _ACCELERATION_MPS2),
-        )  # fmt: skip
+            ("acceleration", "m/s²", accelerations, _ACCELERATION_MPS2),
+        )
         for k, (name, unit, values, least) in enumerate(panels):
             part = self._image[k * half : (k + 1) * half]
             for event in trace.events:
@@ -148,10 +149,8 @@ class BirdsEye:
         parts = episode_subtitle(trace, self._country).split(" · ")
         # A narrow page has room for the scenario and its sign.
         subtitle = " · ".join(parts[:2] if self.size.compact else parts)
-        return Hud(
-            self.size, episode_title(trace), subtitle,
-            self.scene.target_sign, shares, self._kinds(), self._country,
-        )  # fmt: skip
+        sign, kinds = self.scene.target_sign, self._kinds()
+        return Hud(self.size, episode_title(trace), subtitle, sign, shares, kinds, self._country)
 
     def _kinds(self) -> frozenset[str]:
         """What there is to be seen, for the legend."""

@@ -36,10 +36,18 @@ _CLOCK_FONT, _SMALL_CLOCK_FONT = (26, 14), (18, 12)
 _SENTENCE, _SMALL_SENTENCE = ((13, 2), (12, 3), (11, 3)), ((12, 3), (11, 3), (10, 4))
 # Fields of `Style` and what they are in a picture, by how much one wants to know it.
 LEGEND = {
-    "ego": "ego", "route": "navigation's way", "trail": "driven", "convoy": "held for the ego", "pedestrian": "person",
-    "bicycle": "bicycle", "bus": "bus", "car": "car", "plate_line": "target plate, its line",
-    "destination": "destination", "plan": "planner's plan",
-}  # fmt: skip
+    "ego": "ego",
+    "route": "navigation's way",
+    "trail": "driven",
+    "convoy": "held for the ego",
+    "pedestrian": "person",
+    "bicycle": "bicycle",
+    "bus": "bus",
+    "car": "car",
+    "plate_line": "target plate, its line",
+    "destination": "destination",
+    "plan": "planner's plan",
+}
 _ALWAYS = ("ego", "route", "trail", "plate_line", "destination")
 
 

@@ -58,6 +58,19 @@ def write_commonroad(trace: Trace, scene: Scene, path: Path) -> None:
     cut = pieces(scene, ids)
     roads = lanelets(scene, cut, sign_ids, ids)
     ego = Track(-1, "ego", ActorKind.CAR, EGO_LENGTH_M, EGO_WIDTH_M, 0, ego_rows(trace))
+    day = datetime.now(UTC).date().isoformat()
+    made = (
+        f"tsbench {tsbench.__version__}: {trace.planner} on {trace.spec.scenario_id}; {ATTRIBUTION}, ODbL 1.0"
+    )
+    head = {
+        "commonRoadVersion": "2020a",
+        "benchmarkID": benchmark_id(trace),
+        "date": day,
+        "author": "tsbench",
+        "affiliation": "",
+        "source": made,
+        "timeStepSize": str(DT_S),
+    }
     root = E.commonRoad(
         *_location(trace),
         *roads,
@@ -66,11 +79,8 @@ def write_commonroad(trace: Trace, scene: Scene, path: Path) -> None:
         *(_static(obstacle, next(ids)) for obstacle in scene.obstacles),
         *(_dynamic(track, next(ids)) for track in [ego, *actor_tracks(trace)]),
         _problem(trace, scene, next(ids)),
-        commonRoadVersion="2020a", benchmarkID=benchmark_id(trace),
-        date=datetime.now(UTC).date().isoformat(), author="tsbench", affiliation="",
-        source=f"tsbench {tsbench.__version__}: {trace.planner} on {trace.spec.scenario_id}; {ATTRIBUTION}, ODbL 1.0",
-        timeStepSize=str(DT_S),
-    )  # fmt: skip
+        **head,
+    )
     etree.indent(root)
     with io_errors_as_input_errors(path), replacing(path) as part:
         etree.ElementTree(root).write(str(part), encoding="UTF-8", xml_declaration=True)

@@ -126,10 +126,9 @@ def _surface(look: Area, polygons: Sequence[shapely.Geometry], z: float) -> Tria
 
 def _lines(look: Line, lines: Sequence[Array], z: float) -> LinePrimitive:
     pieces = np.concatenate([np.stack((line[:-1], line[1:]), axis=1).reshape(-1, 2) for line in lines])
-    return LinePrimitive(
-        type=LinePrimitiveLineType.LineList, pose=_pose(0.0, 0.0, 0.0, 0.0), thickness=look.width,
-        color=_colour(look.colour), points=_points(pieces, z),
-    )  # fmt: skip
+    kind, pose = LinePrimitiveLineType.LineList, _pose(0.0, 0.0, 0.0, 0.0)
+    colour, points = _colour(look.colour), _points(pieces, z)
+    return LinePrimitive(type=kind, pose=pose, thickness=look.width, color=colour, points=points)
 
 
 def _cube(
@@ -152,10 +151,8 @@ def _body(body: Body, now: Timestamp | None) -> SceneEntity:
 def _plate(plate: DrawnPlate, now: Timestamp | None) -> SceneEntity:
     """A plate on its post, facing its traffic, below a text that turns to the camera."""
     colour = "plate_line" if plate.target else "marking"
-    text = TextPrimitive(
-        pose=_pose(plate.x, plate.y, 0.0, _PLATE_Z + 1.0), billboard=True, font_size=_LETTER_M,
-        color=_colour(colour), text=sign_words(plate.code, plate.value),
-    )  # fmt: skip
+    pose, words = _pose(plate.x, plate.y, 0.0, _PLATE_Z + 1.0), sign_words(plate.code, plate.value)
+    text = TextPrimitive(pose=pose, billboard=True, font_size=_LETTER_M, color=_colour(colour), text=words)
     known = [KeyValuePair(key="role", value=plate.role), KeyValuePair(key="code", value=plate.code)]
     cube = _cube(plate.x, plate.y, plate.heading, _PLATE_Z, _PLATE_M, colour)
     return SceneEntity(
@@ -165,9 +162,16 @@ def _plate(plate: DrawnPlate, now: Timestamp | None) -> SceneEntity:
 
 _TICK_NS = round(DT_S * 1e9)
 _EGO_FIELDS = {
-    "speed": "m/s", "acceleration": "m/s2", "steering": "rad", "yaw_rate": "rad/s", "x": "m", "y": "m",
-    "heading": "rad", "s": "m along the lane", "d": "m left of the lane's middle",
-}  # fmt: skip
+    "speed": "m/s",
+    "acceleration": "m/s2",
+    "steering": "rad",
+    "yaw_rate": "rad/s",
+    "x": "m",
+    "y": "m",
+    "heading": "rad",
+    "s": "m along the lane",
+    "d": "m left of the lane's middle",
+}
 _EGO_SCHEMA: dict[str, Any] = {
     "type": "object",
     "title": "tsbench.Ego",
@@ -243,10 +247,10 @@ def _actors(snapshot: WorldSnapshot, before: set[str]) -> tuple[SceneUpdate, set
 
 def _frame(snapshot: WorldSnapshot) -> FrameTransform:
     ego = snapshot.ego
+    when, place, turn = _time(snapshot.time), Vector3(x=ego.x, y=ego.y, z=0.0), turned(ego.heading)
     return FrameTransform(
-        timestamp=_time(snapshot.time), parent_frame_id=FRAME, child_frame_id=EGO_ID,
-        translation=Vector3(x=ego.x, y=ego.y, z=0.0), rotation=turned(ego.heading),
-    )  # fmt: skip
+        timestamp=when, parent_frame_id=FRAME, child_frame_id=EGO_ID, translation=place, rotation=turn
+    )
 
 
 def _ego(ego: EgoState, scene: Scene) -> dict[str, Any]:

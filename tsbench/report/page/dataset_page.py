@@ -7,7 +7,7 @@ import math
 from base64 import b64encode
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,15 @@ from tsbench.dataset.scenes.overview import TypeStats, type_stats
 from tsbench.report.drawing.canvas import STYLE, PageSize
 from tsbench.report.drawing.road_shapes import ground_shapes, road_shapes
 from tsbench.report.drawing.scene_shapes import scene_shapes
-from tsbench.report.page.page_format import drawing, pack, pack_table, plate_keys, plate_of, render_page
+from tsbench.report.page.page_format import (
+    drawing,
+    pack,
+    pack_table,
+    page_column,
+    plate_keys,
+    plate_of,
+    render_page,
+)
 from tsbench.report.scene_pictures import scene_picture
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
 from tsbench.scenarios.map_pool import POOL_SCHEMA, pool_file
@@ -53,14 +61,19 @@ def pack_places(rows: Sequence[ScenarioSpec]) -> bytes:
     for row in rows:
         types[row.map_id].add(row.scenario_type)
         splits[row.map_id] = row.split
-    used = [
-        {
-            "id": name, "x": int(x[k]), "y": int(y[k]), "lat": round(column["lat"][k], 5),
-            "lon": round(column["lon"][k], 5), "road": column["road_class"][k], "source": column["source"][k],
-            "split": splits[name], "types": sorted(types[name]),
+    used = []
+    for name in sorted(types):
+        k = place[name]
+        spot: dict[str, Any] = {
+            "id": name,
+            "x": int(x[k]),
+            "y": int(y[k]),
+            "lat": round(column["lat"][k], 5),
+            "lon": round(column["lon"][k], 5),
+            "road": column["road_class"][k],
+            "source": column["source"][k],
         }
-        for name, k in ((name, place[name]) for name in sorted(types))
-    ]  # fmt: skip
+        used.append({**spot, "split": splits[name], "types": sorted(types[name])})
     header = {"unit": unit, "sources": _sources(column["source"], x, y), "used": used}
     order = np.lexsort((y, x))
     return pack(header, {"x": x[order], "y": y[order]})
@@ -114,33 +127,44 @@ def _pack(rows: Sequence[ScenarioSpec]) -> tuple[bytes, set[str]]:
 
 
 _YES = ["no", "yes", "–"]
-_GOOD, _BAD = {"yes": "good", "no": "bad"}, {"no": "bad"}
-COLUMNS: tuple[dict[str, Any], ...] = (
-    {"name": "scenario_type", "label": "type", "kind": "text", "filter": "choice"},
-    {"name": "group", "label": "group", "kind": "text", "filter": "choice", "minor": True},
-    {"name": "split", "label": "split", "kind": "text", "filter": "choice"},
-    {"name": "map_id", "label": "map", "kind": "text", "filter": "text"},
-    {"name": "variant", "label": "variant", "kind": "number", "digits": 0},
-    {"name": "half", "label": "half", "kind": "text", "filter": "choice"},
-    {"name": "expert", "label": "solved by", "kind": "text", "filter": "choice", "marks": {"nobody": "bad"},
-     "title": "the expert that obeyed the sign and arrived"},
-    {"name": "expert_time_s", "label": "after", "kind": "number", "unit": "s", "minor": True},
-    {"name": "tempting", "label": "tempting", "kind": "flag", "words": _YES, "filter": "choice", "marks": _GOOD,
-     "title": "a driver who does not see signs failed"},
-    {"name": "blind_outcome", "label": "blind baseline", "kind": "text", "filter": "choice", "minor": True},
-    {"name": "engaged", "label": "engaged", "kind": "flag", "words": _YES, "minor": True,
-     "title": "the rule bound the blind baseline"},
-    {"name": "sane", "label": "sane", "kind": "flag", "words": _YES, "filter": "choice", "marks": _BAD,
-     "title": "traffic as asked, nobody inside another, both episodes came to an end"},
-    {"name": "reproduced", "label": "again", "kind": "flag", "words": _YES, "minor": True, "marks": _BAD,
-     "title": "a second process drove it to the same bytes"},
-    {"name": "asked_density", "label": "asked", "kind": "number", "unit": "cars/lane-km",
-     "title": "density of moving cars that the scene asks for"},
-    {"name": "realised_density", "label": "realised", "kind": "number", "unit": "cars/lane-km"},
-    {"name": "arrival_gap_s", "label": "gap", "kind": "number", "unit": "s", "minor": True,
-     "title": "the convoy's unhindered arrival at the conflict zone less the ego's"},
-    {"name": "scenario_id", "label": "scenario", "kind": "text", "minor": True},
-)  # fmt: skip
+_GOOD, _BAD, _LOST = {"yes": "good", "no": "bad"}, {"no": "bad"}, {"nobody": "bad"}
+_SANE = "traffic as asked, nobody inside another, both episodes came to an end"
+_GAP = "the convoy's unhindered arrival at the conflict zone less the ego's"
+_DENSITY = "cars/lane-km"
+_flag = partial(page_column, kind="flag", words=_YES)
+COLUMNS = (
+    page_column("scenario_type", "type", filter="choice"),
+    page_column("group", "group", filter="choice", minor=True),
+    page_column("split", "split", filter="choice"),
+    page_column("map_id", "map", filter="text"),
+    page_column("variant", "variant", "number", digits=0),
+    page_column("half", "half", filter="choice"),
+    page_column(
+        "expert",
+        "solved by",
+        filter="choice",
+        marks=_LOST,
+        title="the expert that obeyed the sign and arrived",
+    ),
+    page_column("expert_time_s", "after", "number", unit="s", minor=True),
+    _flag(
+        "tempting", "tempting", filter="choice", marks=_GOOD, title="a driver who does not see signs failed"
+    ),
+    page_column("blind_outcome", "blind baseline", filter="choice", minor=True),
+    _flag("engaged", "engaged", minor=True, title="the rule bound the blind baseline"),
+    _flag("sane", "sane", filter="choice", marks=_BAD, title=_SANE),
+    _flag("reproduced", "again", minor=True, marks=_BAD, title="a second process drove it to the same bytes"),
+    page_column(
+        "asked_density",
+        "asked",
+        "number",
+        unit=_DENSITY,
+        title="density of moving cars that the scene asks for",
+    ),
+    page_column("realised_density", "realised", "number", unit=_DENSITY),
+    page_column("arrival_gap_s", "gap", "number", unit="s", minor=True, title=_GAP),
+    page_column("scenario_id", "scenario", minor=True),
+)
 _DETAILS = (
     ("sign_code", "text"), ("sign_value", "number"), ("initial_speed", "number"), ("route_length", "number"),
     ("horizon", "number"), ("density", "number"), ("drivers", "number"), ("layout", "number"), ("seed", "text"),

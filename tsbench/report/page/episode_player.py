@@ -127,14 +127,19 @@ def _about(trace: Trace) -> dict[str, Any]:
         for verdict, target in verdicts
         for event in verdict_to_dict(verdict)["violations"]
     ]
-    return {
-        "planner": trace.planner, "scenario": spec.scenario_id, "half": spec.half, "title": episode_title(trace),
-        "subtitle": episode_subtitle(trace), "plate": plate_key(spec.sign_code, spec.sign_value),
-        "outcome": str(trace.outcome), "error": trace.error,
-        "engaged": trace.target.engaged, "compliant": trace.target.compliant,
-        "partner": None if trace.contact is None else trace.contact.partner,
-        "events": sorted(events, key=lambda e: (e["start_s"], not e["target"])),
-    }  # fmt: skip
+    told = {
+        "planner": trace.planner,
+        "scenario": spec.scenario_id,
+        "half": spec.half,
+        "title": episode_title(trace),
+        "subtitle": episode_subtitle(trace),
+        "plate": plate_key(spec.sign_code, spec.sign_value),
+        "outcome": str(trace.outcome),
+    }
+    judged = {"engaged": trace.target.engaged, "compliant": trace.target.compliant}
+    partner = None if trace.contact is None else trace.contact.partner
+    events.sort(key=lambda e: (e["start_s"], not e["target"]))
+    return {**told, "error": trace.error, **judged, "partner": partner, "events": events}
 
 
 def _gap(scene: Scene) -> float | None:
@@ -194,14 +199,26 @@ def _motion(trace: Trace, track: Array) -> tuple[dict[str, Any], dict[str, npt.N
         for row, (name, size) in enumerate(zip(table.ids, sizes, strict=True))
     ]
     pieces = [[t.index, t.first, n] for t, n in zip(tracks, lengths, strict=True)]
-    parts = {
-        "dt": DT_S, "ticks": len(snapshots), "start": snapshots[0].time, "ego": [EGO_LENGTH_M, EGO_WIDTH_M],
-        "actors": actors, "pieces": pieces, "plans": [[tick, len(plan)] for tick, plan in told],
-        "middle": middle.tolist(), "farthest_s": FARTHEST_S,
-        "units": {
-            "m": unit, "plan": _PLAN_UNITS * unit, "rad": _UNIT_RAD, "mps": _UNIT_MPS, "mps2": _UNIT_MPS2, "s": _UNIT_S,
-        },
-    }  # fmt: skip
+    units = {
+        "m": unit,
+        "plan": _PLAN_UNITS * unit,
+        "rad": _UNIT_RAD,
+        "mps": _UNIT_MPS,
+        "mps2": _UNIT_MPS2,
+        "s": _UNIT_S,
+    }
+    parts: dict[str, Any] = {
+        "dt": DT_S,
+        "ticks": len(snapshots),
+        "start": snapshots[0].time,
+        "ego": [EGO_LENGTH_M, EGO_WIDTH_M],
+        "actors": actors,
+        "pieces": pieces,
+        "plans": [[tick, len(plan)] for tick, plan in told],
+        "middle": middle.tolist(),
+        "farthest_s": FARTHEST_S,
+        "units": units,
+    }
     return parts, arrays
 
 

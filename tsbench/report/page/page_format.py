@@ -45,9 +45,13 @@ BASE_SCRIPTS = ("core.js", "table.js", "bev.js")
 def environment() -> Environment:
     """Templates, HTML with escaping on; a name that is not given is an error."""
     return Environment(
-        loader=PackageLoader(_PACKAGE), autoescape=select_autoescape(["html"]), undefined=StrictUndefined,
-        trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True,
-    )  # fmt: skip
+        loader=PackageLoader(_PACKAGE),
+        autoescape=select_autoescape(["html"]),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
 
 
 def render_page(
@@ -85,10 +89,8 @@ def static_text(name: str) -> str:
 def _policy(script: str, served: bool) -> str:
     """Content security policy: only this very script runs."""
     digest = b64encode(hashlib.sha256(f"\n{script}\n".encode()).digest()).decode()
-    parts = [
-        "default-src 'none'", f"script-src 'sha256-{digest}'", "style-src 'unsafe-inline'", "img-src data:",
-        "base-uri 'none'", "form-action 'none'",
-    ]  # fmt: skip
+    parts = ["default-src 'none'", f"script-src 'sha256-{digest}'", "style-src 'unsafe-inline'"]
+    parts += ["img-src data:", "base-uri 'none'", "form-action 'none'"]
     if served:
         parts.append("connect-src 'self'")
     return "; ".join(parts)
@@ -122,11 +124,13 @@ def pack(header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]] | Non
     return gzip.compress(struct.pack("<I", len(head)) + head + b"".join(parts), _LEVEL, mtime=0)
 
 
-def pack_table(columns: Sequence[Mapping[str, Any]], values: Mapping[str, Sequence[Any]]) -> bytes:
-    """A table for `tsb.table`: one list for each column, texts as numbers of a list of the different ones.
+def page_column(name: str, label: str, kind: str = "text", **more: Any) -> dict[str, Any]:
+    """A column of `pack_table`. kind: text, number or flag; more: what `table.js` names besides."""
+    return {"name": name, "label": label, "kind": kind, **more}
 
-    columns: `name`, `label`, `kind` (text, number, flag), and what `table.js` names besides.
-    """
+
+def pack_table(columns: Sequence[Mapping[str, Any]], values: Mapping[str, Sequence[Any]]) -> bytes:
+    """A table for `tsb.table`: one list for each column, texts as numbers of a list of the different ones."""
     packed: dict[str, Any] = {}
     for column in columns:
         found = list(values[column["name"]])
@@ -185,14 +189,17 @@ def drawing(shapes: Iterable[Shape]) -> dict[str, Any]:
                     _body_dict(shape.kind, shape.x, shape.y, shape.heading, shape.length, shape.width)
                 )
             case DrawnPlate():
-                plates.append({
-                    "x": round(shape.x, 2), "y": round(shape.y, 2), "ax": round(float(shape.away[0]), 3),
-                    "ay": round(float(shape.away[1]), 3), "clear": round(shape.clear, 1),
-                    "plate": plate_key(shape.code, shape.value), "below": shape.below, "target": shape.target,
-                })  # fmt: skip
-    return {
-        "unit": UNIT_M, "x0": 0, "y0": 0, "areas": areas, "lines": lines, "plates": plates, "bodies": bodies,
-    }  # fmt: skip
+                place = {
+                    "x": round(shape.x, 2),
+                    "y": round(shape.y, 2),
+                    "ax": round(float(shape.away[0]), 3),
+                    "ay": round(float(shape.away[1]), 3),
+                    "clear": round(shape.clear, 1),
+                }
+                own = {"plate": plate_key(shape.code, shape.value), "below": shape.below}
+                plates.append({**place, **own, "target": shape.target})
+    drawn = {"areas": areas, "lines": lines, "plates": plates, "bodies": bodies}
+    return {"unit": UNIT_M, "x0": 0, "y0": 0, **drawn}
 
 
 def _parts(shape: shapely.Geometry) -> list[shapely.Geometry]:

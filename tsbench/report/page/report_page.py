@@ -154,10 +154,8 @@ def write_report(
     text = fixed.page(players).encode()
     with io_errors_as_input_errors(path):
         write_atomic(path, text)
-    return Written(
-        path, len(text), len(players.rows), len(index.traces), len(index.rows), players.size,
-        (*index.notes, *players.notes),
-    )  # fmt: skip
+    played, traces, notes = len(players.rows), len(index.traces), (*index.notes, *players.notes)
+    return Written(path, len(text), played, traces, len(index.rows), players.size, notes)
 
 
 def served_page(pool: RunPool, index: EpisodeIndex, source: str) -> str:

@@ -12,7 +12,7 @@ from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Column, Kind, 
 from tsbench.report.analyses.columns import NAMES, difference_columns, difference_rows, text_columns
 from tsbench.report.analyses.run_pool import EpisodeIndex, RunPool
 from tsbench.report.analyses.traffic_calibration import traffic
-from tsbench.report.page.page_format import pack_table
+from tsbench.report.page.page_format import pack_table, page_column
 from tsbench.report.tables.charts import inline_svg
 from tsbench.scenarios.spec import CONTRAST, SIGNED, pair_type
 
@@ -59,10 +59,9 @@ def show(analysis: Analysis, *, heat: bool = False, figure: bool = True, fold: b
         if half := _HALF_OF.get(_text(table, row.cells, "score")):
             wanted["half"] = half
         rows.append({"faint": row.faint, "starts": row.starts, "cells": cells, "wanted": wanted})
-    return {
-        "title": analysis.title, "columns": columns, "rows": rows, "notes": (*analysis.notes, *_without(table)),
-        "figures": drawn, "fold": fold, "heat": heat, "fixed": table.fixed,
-    }  # fmt: skip
+    notes = (*analysis.notes, *_without(table))
+    shown = {"title": analysis.title, "columns": columns, "rows": rows, "notes": notes, "figures": drawn}
+    return {**shown, "fold": fold, "heat": heat, "fixed": table.fixed}
 
 
 def _column(column: Column) -> dict[str, Any]:
@@ -73,9 +72,8 @@ def _column(column: Column) -> dict[str, Any]:
 def _cell(column: Column, cell: Cell, heat: bool, n: Cell) -> dict[str, Any]:
     """n: what the row as a whole rests on; a figure that rests on fewer says so."""
     first, *below = lines_of(column, cell)
-    shown: dict[str, Any] = {
-        "text": first, "below": below, "number": column.kind is not Kind.TEXT, "title": ""
-    }  # fmt: skip
+    number = column.kind is not Kind.TEXT
+    shown: dict[str, Any] = {"text": first, "below": below, "number": number, "title": ""}
     if isinstance(cell, Value):
         counted = f"n = {cell.n:,}" if cell.n is not None else ""
         shown["title"] = ", ".join(part for part in (counted, cell.reason) if part)
@@ -130,31 +128,30 @@ def about(pool: RunPool) -> list[dict[str, Any]]:
     return told
 
 
-_YES = {"yes": "good", "no": "bad"}
-_COLUMNS: tuple[dict[str, Any], ...] = (
-    {"name": "planner", "label": "planner", "kind": "text", "filter": "choice"},
-    {"name": "scenario_type", "label": "type", "kind": "text", "filter": "choice",
-     "title": "of a pair that of its signed half"},
-    {"name": "half", "label": "half", "kind": "text", "filter": "choice"},
-    {"name": "passes", "label": "pair passed", "kind": "text", "filter": "choice",
-     "marks": {"both": "good", "none": "bad"}, "title": "which halves of its pair were passed"},
-    {"name": "outcome", "label": "outcome", "kind": "text", "filter": "choice"},
-    {"name": "sign_compliant", "label": "obeyed", "kind": "flag", "filter": "choice", "marks": _YES,
-     "title": "no violation of the sign's rule; – for an error outcome"},
-    {"name": "scd", "label": "SCD", "kind": "flag", "filter": "choice", "marks": _YES,
-     "title": "obeyed the sign and arrived"},
-    {"name": "violation_clause", "label": "clause", "kind": "text", "filter": "choice"},
-    {"name": "measured", "label": "measured", "kind": "text", "title": "first violation: value / threshold"},
-    {"name": "violation_time_s", "label": "at", "kind": "number", "unit": "s", "minor": True},
-    {"name": "told", "label": "what happened", "kind": "text", "minor": True, "wide": True},
-    {"name": "driving_score", "label": "DS", "kind": "number", "unit": "%", "minor": True},
-    {"name": "scenario_id", "label": "scenario", "kind": "text", "filter": "text"},
-    {"name": "map_id", "label": "map", "kind": "text", "filter": "text", "minor": True},
-    {"name": "variant", "label": "variant", "kind": "number", "digits": 0, "minor": True},
-    {"name": "group", "label": "group", "kind": "text", "filter": "choice", "minor": True},
-    {"name": "playable", "label": "player", "kind": "flag", "filter": "choice", "minor": True},
-    {"name": "partner", "label": "other half", "kind": "number", "hidden": True, "digits": 0},
-)  # fmt: skip
+_YES, _PASSED = {"yes": "good", "no": "bad"}, {"both": "good", "none": "bad"}
+_OBEYED = "no violation of the sign's rule; – for an error outcome"
+_COLUMNS = (
+    page_column("planner", "planner", filter="choice"),
+    page_column("scenario_type", "type", filter="choice", title="of a pair that of its signed half"),
+    page_column("half", "half", filter="choice"),
+    page_column(
+        "passes", "pair passed", filter="choice", marks=_PASSED, title="which halves of its pair were passed"
+    ),
+    page_column("outcome", "outcome", filter="choice"),
+    page_column("sign_compliant", "obeyed", "flag", filter="choice", marks=_YES, title=_OBEYED),
+    page_column("scd", "SCD", "flag", filter="choice", marks=_YES, title="obeyed the sign and arrived"),
+    page_column("violation_clause", "clause", filter="choice"),
+    page_column("measured", "measured", title="first violation: value / threshold"),
+    page_column("violation_time_s", "at", "number", unit="s", minor=True),
+    page_column("told", "what happened", minor=True, wide=True),
+    page_column("driving_score", "DS", "number", unit="%", minor=True),
+    page_column("scenario_id", "scenario", filter="text"),
+    page_column("map_id", "map", filter="text", minor=True),
+    page_column("variant", "variant", "number", digits=0, minor=True),
+    page_column("group", "group", filter="choice", minor=True),
+    page_column("playable", "player", "flag", filter="choice", minor=True),
+    page_column("partner", "other half", "number", hidden=True, digits=0),
+)
 
 
 def episodes_table(index: EpisodeIndex, playable: Collection[int]) -> bytes:

@@ -138,11 +138,15 @@ def _told(path: Path) -> dict[str, Any]:
         if manifest["status"] == "running":
             asked = len(manifest["planners"]) * manifest["effective"].get("scenarios", 0)
             counts = {"asked": asked, "finished": len(lines_so_far(path / JOURNAL))}
-        return {
-            "problem": "", "planners": ", ".join(p["name"] for p in manifest["planners"]),
-            "status": manifest["status"], "started": manifest.get("started", ""),
-            "contract": manifest["contract"], "asked": counts.get("asked"), "finished": counts.get("finished"),
-        }  # fmt: skip
+        names = ", ".join(p["name"] for p in manifest["planners"])
+        told = {
+            "problem": "",
+            "planners": names,
+            "status": manifest["status"],
+            "started": manifest.get("started", ""),
+            "contract": manifest["contract"],
+        }
+        return told | {"asked": counts.get("asked"), "finished": counts.get("finished")}
     except InputError as problem:
         return {"problem": str(problem)}
 
@@ -225,10 +229,14 @@ class _Handler(BaseHTTPRequestHandler):
     def _answer(self, status: HTTPStatus, kind: str, body: bytes) -> None:
         self.send_response(status)
         headers = {
-            "Content-Type": kind, "Content-Length": str(len(body)), "Cache-Control": "no-store",
-            "X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer", "X-Frame-Options": "DENY",
+            "Content-Type": kind,
+            "Content-Length": str(len(body)),
+            "Cache-Control": "no-store",
+            "X-Content-Type-Options": "nosniff",
+            "Referrer-Policy": "no-referrer",
+            "X-Frame-Options": "DENY",
             "Cross-Origin-Resource-Policy": "same-origin",
-        }  # fmt: skip
+        }
         for name, value in headers.items():
             self.send_header(name, value)
         self.end_headers()

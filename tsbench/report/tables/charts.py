@@ -56,10 +56,10 @@ _SVG = "{http://www.w3.org/2000/svg}"
 _LINK = "{http://www.w3.org/1999/xlink}href"
 # What a figure's colour becomes; CSS variables of base.css.
 _COLOURS = {
-    INK: "currentColor", "#000000": "currentColor", GREY: "var(--faint)", PALE: "var(--line)",
-    "#e4e4e4": "var(--grid)", "#ffffff": "var(--card)",
+    **dict.fromkeys((INK, "#000000"), "currentColor"),
+    **{GREY: "var(--faint)", PALE: "var(--line)", "#e4e4e4": "var(--grid)", "#ffffff": "var(--card)"},
     **{colour: f"var(--group-{group})" for group, colour in GROUP_COLOURS.items()},
-}  # fmt: skip
+}
 _COLOUR = re.compile("|".join(_COLOURS))
 
 

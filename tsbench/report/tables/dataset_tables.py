@@ -11,12 +11,10 @@ from tsbench.dataset.scenes.axes import TypeAxes
 from tsbench.dataset.scenes.overview import TypeStats, shown_reason
 from tsbench.dataset.scenes.tagging import GOAL, Tagging
 from tsbench.report.analyses.analysis import Analysis, Column, Kind, Row, Table, to_markdown
-from tsbench.report.analyses.columns import text_columns
+from tsbench.report.analyses.columns import count_columns, number_columns, text_columns
 
-_SHARES = {
-    "tagged": "tagged_share", "solvable": "solvable", "tempting": "tempting", "engaged": "engaged", "sane": "sane",
-    "again": "reproduced",
-}  # fmt: skip
+_SAME = ("solvable", "tempting", "engaged", "sane")
+_SHARES = {"tagged": "tagged_share", **{name: name for name in _SAME}, "again": "reproduced"}
 
 
 def dataset_tables(
@@ -26,18 +24,18 @@ def dataset_tables(
     splits = dict.fromkeys(t.split for t in stats)
     counts = {split: sum(t.rows for t in stats if t.split == split) for split in splits}
     by_split = ", ".join(f"{split} {count:,}" for split, count in counts.items())
-    rows = tuple(
-        Row((
-            t.type_id, t.split, t.rows, t.pairs, t.maps, t.places,
-            *(_percent(getattr(t, name)) for name in _SHARES.values()), None if isnan(t.gap_s) else t.gap_s,
-            "" if isnan(t.seen) else _percent(t.seen),
-        ))
-        for t in stats
-    )  # fmt: skip
+    rows = []
+    for t in stats:
+        shares = (_percent(getattr(t, name)) for name in _SHARES.values())
+        gap, seen = None if isnan(t.gap_s) else t.gap_s, "" if isnan(t.seen) else _percent(t.seen)
+        rows.append(Row((t.type_id, t.split, t.rows, t.pairs, t.maps, t.places, *shares, gap, seen)))
     columns = (
-        *text_columns("type", "split"), *(Column(k, k, Kind.COUNT) for k in ("rows", "pairs", "maps", "places")),
-        *text_columns(*_SHARES), Column("gap_s", "gap s", Kind.NUMBER), *text_columns("seen"),
-    )  # fmt: skip
+        *text_columns("type", "split"),
+        *count_columns("rows", "pairs", "maps", "places"),
+        *text_columns(*_SHARES),
+        *number_columns(gap_s="gap s"),
+        *text_columns("seen"),
+    )
     notes = (
         "Shares are of signed rows, in %, by their certificates. places: maps of the split within 300 m of each other, "
         "of one ring or one OSM way are one. "
@@ -67,7 +65,7 @@ def dataset_tables(
     )
     quotas = "Quotas, and why maps were passed over while they were filled"
     return (
-        Analysis("dataset-rows", title, "", Table(columns, rows, 2), notes),
+        Analysis("dataset-rows", title, "", Table(columns, tuple(rows), 2), notes),
         Analysis("dataset-maps", quotas, "", Table(heads, maps, 2), ()),
     )
 
@@ -76,41 +74,42 @@ def axes_table(axes: Sequence[TypeAxes]) -> Analysis:
     """In what a type's rows differ."""
     counts = {"plates": "plates and values", "speeds": "initial speeds", "densities": "densities"}
     means = {
-        "distractors": "sets of distractors", "lanes": "start lanes", "destinations": "destinations",
-        "approaches": "approaches", "lengths": "route lengths",
-    }  # fmt: skip
+        "distractors": "sets of distractors",
+        "lanes": "start lanes",
+        "destinations": "destinations",
+        "approaches": "approaches",
+        "lengths": "route lengths",
+    }
     shares = {"apart": "apart", "apart_bare": "apart without distractors"}
     columns = (
         *text_columns("type", "split"),
-        *(Column(key, head, Kind.COUNT) for key, head in counts.items()),
+        *count_columns(**counts),
         *(Column(key, head, Kind.NUMBER) for key, head in means.items()),
         *text_columns(*shares.values()),
     )
-    rows = tuple(
-        Row((
-            a.type_id, a.split, *(getattr(a, key) for key in (*counts, *means)),
-            *(_percent(getattr(a, key)) for key in shares),
-        ))
-        for a in axes
-    )  # fmt: skip
+    rows = []
+    for a in axes:
+        numbers = (getattr(a, key) for key in (*counts, *means))
+        rows.append(Row((a.type_id, a.split, *numbers, *(_percent(getattr(a, key)) for key in shares))))
     notes = (
         "Signed rows. Plates and values, initial speeds and densities: distinct ones in the type. The next five: "
         "distinct ones on a map, mean over maps. apart: % of rows that differ from every other row of their map in "
         "plate, value, distractors, start lane, approach or destination",
     )
-    return Analysis("dataset-axes", "In what the rows of a map differ", "", Table(columns, rows, 2), notes)
+    return Analysis(
+        "dataset-axes", "In what the rows of a map differ", "", Table(columns, tuple(rows), 2), notes
+    )
 
 
 def tagging_table(found: Sequence[Tagging]) -> Analysis:
     """Maps from the generalised extract, by type and split."""
     columns = (
         *text_columns("type", "split"),
-        *(Column(key, key, Kind.COUNT) for key in ("maps", "tagged")),
-        Column("there", "tagged in the pool", Kind.COUNT),
+        *count_columns("maps", "tagged", there="tagged in the pool"),
         *text_columns("generalised"),
     )
-    rows = tuple(Row((t.type_id, t.split, t.maps, t.tagged, t.there, _percent(t.share))) for t in found)
-    return Analysis("dataset-tagging", "Tagging", "", Table(columns, rows, 2), (_tagging_note(found),))
+    rows = [Row((t.type_id, t.split, t.maps, t.tagged, t.there, _percent(t.share))) for t in found]
+    return Analysis("dataset-tagging", "Tagging", "", Table(columns, tuple(rows), 2), (_tagging_note(found),))
 
 
 def _tagging_note(found: Sequence[Tagging]) -> str:

@@ -72,9 +72,8 @@ def put_counts(axes: Any, texts: Sequence[str], head: str = "", size: int = 7) -
     right.tick_params(length=0, labelsize=size)
     right.spines["right"].set_visible(False)
     if head:
-        axes.annotate(
-            head, (1.0, 1.0), (4, 3), xycoords="axes fraction", textcoords="offset points", fontsize=size, color=GREY,
-        )  # fmt: skip
+        frames = {"xycoords": "axes fraction", "textcoords": "offset points"}
+        axes.annotate(head, (1.0, 1.0), (4, 3), **frames, fontsize=size, color=GREY)
     return right
 
 
@@ -86,10 +85,11 @@ def draw_forest(matched: Matched, path: Path) -> None:
 def difference_mark(figure: StrictAndCompleted[Difference], colour: str, mean: bool) -> Mark:
     """How a paired difference is drawn: full where it is significant, with its bracket where it is not."""
     d = figure.main
+    marker, width = ("D", 2.2) if mean else ("o", 1.4)
+    cross = figure.completed.value if figure.differ else None
     return Mark(
-        d.value, d.low, d.high, colour, filled=d.significant, marker="D" if mean else "o", width=2.2 if mean else 1.4,
-        bracket=d.mde, cross=figure.completed.value if figure.differ else None,
-    )  # fmt: skip
+        d.value, d.low, d.high, colour, d.significant, marker=marker, width=width, bracket=d.mde, cross=cross
+    )
 
 
 def lost_won(figure: StrictAndCompleted[Difference]) -> str:

@@ -26,7 +26,8 @@ from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, trace_of
 from tsbench.planners.base import Control
 from tsbench.planners.registry import LoadedPlanner, resolve
-from tsbench.report.analyses.analysis import Analysis, Column, Kind, Row, Table
+from tsbench.report.analyses.analysis import Analysis, Row, Table
+from tsbench.report.analyses.columns import count_columns, number_columns, text_columns
 from tsbench.report.drawing.canvas import Image, PageSize
 from tsbench.report.film import render_gif
 from tsbench.report.page.page_format import environment
@@ -44,11 +45,11 @@ from tsbench.sim.world import DT_S
 
 def countries_analysis(countries: Sequence[Country]) -> Analysis:
     columns = (
-        Column("country", "country", Kind.TEXT), Column("name", "name", Kind.TEXT),
-        Column("numbering", "numbering", Kind.TEXT), Column("equivalents", "with\nequivalent", Kind.COUNT),
-        Column("signs", "signs", Kind.COUNT), Column("share", "share\n%", Kind.NUMBER, 0),
-        Column("published", "published\n%", Kind.NUMBER, 0), Column("checked", "checked", Kind.COUNT),
-    )  # fmt: skip
+        *text_columns("country", "name", "numbering"),
+        *count_columns(equivalents="with\nequivalent", signs="signs"),
+        *number_columns(0, share="share\n%", published="published\n%"),
+        *count_columns("checked"),
+    )
     rows = tuple(
         Row((c.code, c.name_en, c.numbering, c.count, c.known, c.percent, c.published_percent, c.checked))
         for c in countries
@@ -63,16 +64,15 @@ def countries_analysis(countries: Sequence[Country]) -> Analysis:
 
 def country_analysis(catalog: Catalog, country: Country) -> Analysis:
     keys = ("sign", "name", "equivalent", "source", "remark")
-    rows = tuple(
-        Row((
-            sign, catalog.sign(sign).name_en, entry.code,
-            "checked" if entry.checked else "memory", entry.reason or entry.note or "",
-        ))
-        for sign, entry in country.equivalents.items()
-    )  # fmt: skip
+    rows = []
+    for sign, entry in country.equivalents.items():
+        checked, note = "checked" if entry.checked else "memory", entry.reason or entry.note or ""
+        rows.append(Row((sign, catalog.sign(sign).name_en, entry.code, checked, note)))
     title = f"{country.name_en}: {country.count} of {country.known} signs have an equivalent"
-    columns = tuple(Column(key, key, Kind.TEXT) for key in keys)
-    return Analysis(f"country-{country.code}", title, "", Table(columns, rows, 5), (country.numbering,))
+    columns = text_columns(*keys)
+    return Analysis(
+        f"country-{country.code}", title, "", Table(columns, tuple(rows), 5), (country.numbering,)
+    )
 
 
 EXPERT = "idm-e"
@@ -124,7 +124,7 @@ class PageMaker:
         broken, obeyed = drives.broken, drives.obeyed
         scene = load_scene(broken.spec)
         folder = self.out / "pictures"
-        _save_small(folder / f"{type_id}.png", moment(broken, scene))
+        _save_small(folder / f"{type_id}.png", moment(broken, scene, None))
         films = {"violation": broken, "pass": obeyed, "contrast": drives.kept, "repeated": drives.repeated}
         for name, trace in films.items():
             if trace is not None:

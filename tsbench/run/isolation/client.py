@@ -115,10 +115,8 @@ def main(spec: str) -> None:
         return
     forks = not (loaded.own or loaded.keeps_process or shared_with_children() - before)
     weights_file = loaded.weights.file if loaded.weights else None
-    facts = protocol.HelloMessage(
-        protocol.VERSION, loaded.name, loaded.privileged, loaded.sign_access, loaded.floor, weights_file,
-        forks=forks, keeps_process=not forks,
-    )  # fmt: skip
+    own = (loaded.name, loaded.privileged, loaded.sign_access, loaded.floor)
+    facts = protocol.HelloMessage(protocol.VERSION, *own, weights_file, forks=forks, keeps_process=not forks)
     line.sendall(protocol.frame(facts))
     Client(line, loaded, planner, Leavings(line) if forks else None).serve()
 

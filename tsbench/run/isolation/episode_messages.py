@@ -38,10 +38,8 @@ class Encoder:
         told = protocol.ContextMessage(context.seed, context.destination, context.dt)
         if privilege is not None:
             sign, params = privilege.sign, privilege.sign.params
-            told = protocol.ContextMessage(
-                context.seed, context.destination, context.dt, replace(sign, params=None),
-                {} if params is None else params.texts(),
-            )  # fmt: skip
+            sign, texts = replace(sign, params=None), {} if params is None else params.texts()
+            told = protocol.ContextMessage(context.seed, context.destination, context.dt, sign, texts)
         return before + protocol.frame(told, self._encoder)
 
     def observation(self, o: Observation) -> bytes:
@@ -136,10 +134,13 @@ class Decoder:
 
 def _map_message(roads: RoadMap) -> protocol.MapMessage | protocol.NetworkMessage:
     parts: dict[str, Any] = {
-        "lanes": roads.lanes, "edges": tuple(roads.edges.values()), "connections": roads.connections,
-        "junctions": tuple(roads.junctions.values()), "crossings": tuple(roads.crossings.values()),
+        "lanes": roads.lanes,
+        "edges": tuple(roads.edges.values()),
+        "connections": roads.connections,
+        "junctions": tuple(roads.junctions.values()),
+        "crossings": tuple(roads.crossings.values()),
         "left_hand": roads.left_hand,
-    }  # fmt: skip
+    }
     if isinstance(roads, RoadNetwork):
         return protocol.NetworkMessage(**parts, class_speed=dict(roads.class_speed))
     return protocol.MapMessage(**parts)
@@ -150,11 +151,15 @@ def _roads(told: protocol.MapMessage | protocol.NetworkMessage) -> RoadMap:
     for connection in told.connections:
         outgoing[connection.from_lane].append(connection)
     parts: dict[str, Any] = {
-        "lanes": told.lanes, "lane_index": MappingProxyType({lane.id: lane.index for lane in told.lanes}),
-        "edges": _by_id(told.edges), "junctions": _by_id(told.junctions), "connections": told.connections,
-        "outgoing": tuple(map(tuple, outgoing)), "crossings": _by_id(told.crossings),
+        "lanes": told.lanes,
+        "lane_index": MappingProxyType({lane.id: lane.index for lane in told.lanes}),
+        "edges": _by_id(told.edges),
+        "junctions": _by_id(told.junctions),
+        "connections": told.connections,
+        "outgoing": tuple(map(tuple, outgoing)),
+        "crossings": _by_id(told.crossings),
         "left_hand": told.left_hand,
-    }  # fmt: skip
+    }
     if isinstance(told, protocol.NetworkMessage):
         return RoadNetwork(**parts, class_speed=told.class_speed)
     return RoadMap(**parts)

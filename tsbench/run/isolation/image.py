@@ -89,13 +89,11 @@ class Container:
             (line / _SOCKET).chmod(0o666)
             line.chmod(0o755)
             waiting.listen(1)
+            place, mounts = self.folder.path, files.binds
+            arguments = run_arguments(self._engine, image, self._name, place, spec, command, mounts)
             self.process = subprocess.Popen(
-                [
-                    self._engine,
-                    *run_arguments(self._engine, image, self._name, self.folder.path, spec, command, files.binds),
-                ],
-                stdin=subprocess.DEVNULL, stdout=output, stderr=output,
-            )  # fmt: skip
+                [self._engine, *arguments], stdin=subprocess.DEVNULL, stdout=output, stderr=output
+            )
             # A worker that ends as it should, without a word to its planner, ends the container, too.
             self._release = weakref.finalize(self, _ended, self._engine, self._name, self.process)
             self.line = self._accepted(waiting, image)
@@ -172,9 +170,13 @@ def run_arguments(
             raise InputError(f"--image {image}: {place}: an engine mounts no path with a comma: rename it")
     uid, gid = (os.getuid(), os.getgid()) if os.getuid() != 0 else (_NOBODY, _NOBODY)
     environment = {
-        **arithmetic(), "TSBENCH_LINE": f"{_LINE}/{_SOCKET}", "HOME": "/tmp", "TMPDIR": "/tmp",
-        "PYTHONDONTWRITEBYTECODE": "1", "PYTHONUNBUFFERED": "1",
-    }  # fmt: skip
+        **arithmetic(),
+        "TSBENCH_LINE": f"{_LINE}/{_SOCKET}",
+        "HOME": "/tmp",
+        "TMPDIR": "/tmp",
+        "PYTHONDONTWRITEBYTECODE": "1",
+        "PYTHONUNBUFFERED": "1",
+    }
     if not (spec.startswith(EXECUTABLE) or source_of(spec).endswith(".py")):
         # A module's package, or the module itself, is found in the folder that it is in.
         environment["PYTHONPATH"] = os.pathsep.join(str(place.parent) for _, place in mounts)

@@ -154,9 +154,13 @@ def load(
         )
 
     return LoadedPlanner(
-        name=planner.name, privileged=planner.privileged, sign_access=planner.sign_access, floor=planner.floor,
-        spec=planner.spec, factory=made,
-    )  # fmt: skip
+        name=planner.name,
+        privileged=planner.privileged,
+        sign_access=planner.sign_access,
+        floor=planner.floor,
+        spec=planner.spec,
+        factory=made,
+    )
 
 
 def check_unchanged_now(planner: PlannerInfo) -> None:

@@ -119,13 +119,16 @@ class Sandbox:
         logs = [_as_new(file) for file in (1, 2)] if output is None else []
         groups = [str(file) for file in self._group.members] if self._group else []
         try:
+            inside = ["--seccomp", str(rules), "--", *_confined(maker), *command]
+            told, failed = logs or (output, output)
             self.process = subprocess.Popen(
-                ["/bin/sh", "-c", _BEGIN, "sh", *groups, "--", *arguments, "--seccomp", str(rules), "--",
-                 *_confined(maker), *command],
-                stdin=far_end.fileno(), stdout=logs[0] if logs else output, stderr=logs[1] if logs else output,
+                ["/bin/sh", "-c", _BEGIN, "sh", *groups, "--", *arguments, *inside],
+                stdin=far_end.fileno(),
+                stdout=told,
+                stderr=failed,
                 pass_fds=(rules,),
                 env={**environment_of(), "HOME": _HOME, "TMPDIR": _HOME},
-            )  # fmt: skip
+            )
         finally:
             far_end.close()
             for file in (rules, *logs):
@@ -144,10 +147,8 @@ def sandbox_arguments(maker: _Maker, binds: Sequence[tuple[str, str]], covers: S
 
     binds: (source, place), parents first. covers: what is empty in them.
     """
-    found = [
-        maker.bwrap, *_APART, *(_BY_ROOT if maker.as_root else _BY_USER), "--hostname", "sandbox",
-        "--die-with-parent", "--new-session", "--chdir", _HOME, "--dev", "/dev", "--proc", "/proc",
-    ]  # fmt: skip
+    found = [maker.bwrap, *_APART, *(_BY_ROOT if maker.as_root else _BY_USER), "--hostname", "sandbox"]
+    found += ["--die-with-parent", "--new-session", "--chdir", _HOME, "--dev", "/dev", "--proc", "/proc"]
     # Before the binds, which may lie in them.
     for place in _WRITABLE:
         found += ["--perms", "1777", "--size", str(SCRATCH_MB << 20), "--tmpfs", place]

@@ -84,8 +84,9 @@ def call_filter() -> bytes:
     ]
     for number, wanted in only.items():
         # The lower half of an argument, which is all of it that the kernel looks at.
-        asked = [step for k, value in enumerate(wanted) for step in ((_LOAD, 0, 0, 16 + 8 * k), (_IS, 1, 0, value),
-                                                                     (_RETURN, 0, 0, _REFUSE))]  # fmt: skip
+        asked: list[tuple[int, int, int, int]] = []
+        for k, value in enumerate(wanted):
+            asked += [(_LOAD, 0, 0, 16 + 8 * k), (_IS, 1, 0, value), (_RETURN, 0, 0, _REFUSE)]
         steps += [(_IS, 0, len(asked) + 1, number), *asked, (_RETURN, 0, 0, _ALLOW)]
     steps += [(_IS, 0, 3, clone), (_LOAD, 0, 0, 16), (_HAS, 0, 1, _NAMESPACES), (_RETURN, 0, 0, _REFUSE)]
     steps += [(_RETURN, 0, 0, _ALLOW)]

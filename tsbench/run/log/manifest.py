@@ -108,9 +108,12 @@ class _Shape(TypedDict, total=False):
 
 
 def new_manifest(
-    contract: str, asked: Mapping[str, Any], effective: Mapping[str, Any], planners: Sequence[PlannerInfo],
+    contract: str,
+    asked: Mapping[str, Any],
+    effective: Mapping[str, Any],
+    planners: Sequence[PlannerInfo],
     edition: str = "",
-) -> Manifest:  # fmt: skip
+) -> Manifest:
     """A manifest as of now. effective: every option that can change a record, with its defaults filled in.
 
     edition: the contract's name, "" for what is no run of an edition.

@@ -40,10 +40,8 @@ class Rescored:
 def write_rescored(folder: Path, contract: str, traces: int, untraced: int, disagreements: int) -> None:
     """Write down how judging a run again ended. Raises InputError where the folder takes nothing."""
     hashes = file_hashes(folder)
-    told = Rescored(
-        {name: hashes[name] for name in _JUDGED}, contract, edition_here(contract), tsbench.__version__, traces,
-        untraced, disagreements,
-    )  # fmt: skip
+    judged, edition = {name: hashes[name] for name in _JUDGED}, edition_here(contract)
+    told = Rescored(judged, contract, edition, tsbench.__version__, traces, untraced, disagreements)
     with io_errors_as_input_errors(folder):
         write_json(folder / NAME, {"schema_version": SCHEMA_VERSION, **asdict(told)})
 
