@@ -15,7 +15,7 @@ COMMONROAD := tests/adapters/commonroad/commonroad.lock
 # CommonRoad's monitor, likewise: what it needs beside these.
 JUDGE := tests/adapters/commonroad/judge.lock
 
-.PHONY: run test test-slow results pages results-again submissions board floor holdout train docs film site-pictures torture mirrored mutation judge second-judge base setup lock package release manifest picture lint format maps scenarios edition golden bench clean
+.PHONY: run test test-slow results pages results-again submissions board floor holdout train docs film site-pictures torture mirrored mutation judge second-judge base setup lock package release manifest picture lint format maps scenarios next edition golden bench clean
 
 run: base
 	$(BIN)/tsbench run --planner idm --planner idm-e --split test --variants 0 --trace violations \
@@ -213,6 +213,13 @@ scenarios: setup
 	$(BIN)/tsbench scenarios build --osm $(OSM) --workers $(WORKERS)
 	$(BIN)/tsbench scenarios certify --workers $(WORKERS)
 	$(BIN)/tsbench scenarios verify
+
+# Scenes of the next edition, in pieces (docs/editions.md): make next SPLIT=test TYPES=yield,stop
+next: setup
+	mkdir -p next/scenarios
+	ln -sfn ../cities ../sign_catalog ../sumo_nets next/
+	ln -sfn $(addprefix ../../scenarios/,recipes editions.yaml nuplan_statistics.json oracle.json) next/scenarios/
+	TSBENCH_DATA=next $(BIN)/tsbench scenarios build --split $(SPLIT) --types $(TYPES) --osm $(OSM) --workers $(WORKERS)
 
 # The contracts of this tsbench under the name of its edition (docs/editions.md).
 edition: setup
