@@ -49,6 +49,19 @@ def test_who_rewrites_a_planner_on_disk_is_named(tmp_path: Path, deed: str) -> N
         drive(out, f"{file}:Mine")
 
 
+def test_a_planner_may_extend_the_path_of_its_modules(tmp_path: Path) -> None:
+    (tmp_path / "library").mkdir()
+    (tmp_path / "library" / "deeds_of_mine.py").write_text("GENTLE = 1.0\n")
+    file, out = tmp_path / "mine.py", tmp_path / "run"
+    found = f"import sys\nsys.path.insert(0, {str(tmp_path / 'library')!r})\nimport deeds_of_mine\n"
+    file.write_text(found + HONEST.format(name="Mine", deed="pass"))
+    drive(out, f"{file}:Mine")
+    assert status(out) == "complete"
+    (tmp_path / "library" / "deeds_of_mine.py").write_text("GENTLE = 2.0\n")
+    with pytest.raises(InputError, match=r"holds another run: planner .* has changed since"):
+        drive(out, f"{file}:Mine")
+
+
 def test_a_run_of_two_states_of_tsbench_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # What is found at the start of the run, and at its end.
     times = count()

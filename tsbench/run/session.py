@@ -23,8 +23,8 @@ from tsbench.run.execution.executor import Executor
 from tsbench.run.execution.local import make_executor
 from tsbench.run.execution.messages import ISOLATED, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
-from tsbench.run.isolation.image import in_image
-from tsbench.run.isolation.isolated_loading import check_unchanged_now, describe
+from tsbench.run.isolation.image import image_of, in_image
+from tsbench.run.isolation.isolated_loading import check_unchanged_since, code_hash, describe
 from tsbench.run.listener import Listener, Started
 from tsbench.run.log.folder import RunFolder, check_folder
 from tsbench.run.log.journal import Journal
@@ -93,6 +93,8 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
     with make_executor(options.executor, options.workers, episodes, options.limits) as pool:
         out = None if options.out is None else options.out.resolve()
         hidden = tuple(str(path) for path in (out, Path("runs").resolve()) if path is not None)
+        # Before a line of their code runs.
+        codes = [code_hash(image_of(spec)[1]) for spec in plan.request.planners]
         told = probe_isolated(plan.request, hidden) if options.isolate else None
         if told is None:
             planners = probe(pool, plan.request, options.device)
@@ -133,7 +135,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
                     write_tables(folder.path, journal, contract)
                 status = "complete" if len(journal.done) == len(keys) else "interrupted"
                 # Which version made these rows is not known: the run stays interrupted, and "+local" stays with it.
-                changed = _changed_meanwhile(code, planners, folder)
+                changed = _changed_meanwhile(code, zip(planners, codes, strict=True), folder)
                 status = "interrupted" if changed else status
             ending = _ending(folder, status, counts, options)
             if journal is not None:
@@ -146,15 +148,20 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
 
 
 def _changed_meanwhile(
-    code: Mapping[Path, tuple[int, int]], planners: Sequence[PlannerInfo], folder: RunFolder
+    code: Mapping[Path, tuple[int, int]],
+    planners: Iterable[tuple[PlannerInfo, str | None]],
+    folder: RunFolder,
 ) -> InputError | None:
-    """The message where tsbench's code or a planner's changed during the run. code: `code_stamps` at its start."""
+    """The message where tsbench's code or a planner's changed during the run.
+
+    code: `code_stamps` at its start. planners: each with its `code_hash` at the start.
+    """
     if code_stamps() != code:
         folder.manifest["edition"] = f"{folder.manifest['edition'].removesuffix(LOCAL)}{LOCAL}"
         return InputError("tsbench's code has changed since the run began: start the run anew")
     try:
-        for planner in planners:
-            check_unchanged_now(planner)
+        for planner, before in planners:
+            check_unchanged_since(planner, before)
         folder.check_later()
     except InputError as problem:
         return problem

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -93,7 +93,10 @@ def changed_files(spec: str, planner: PlannerInfo) -> list[str]:
 
 
 def code_hash(spec: str) -> str | None:
-    """SHA-256 (hex) of a planner's code, as a run in one process has it; of an executable that of its file."""
+    """SHA-256 (hex) of a planner's code, as a run in one process has it; of an executable that of its file.
+
+    spec: without its image.
+    """
     if spec.startswith(EXECUTABLE):
         return sha256_of(Path(spec.removeprefix(EXECUTABLE)))
     if in_package(source_of(spec)):
@@ -163,10 +166,14 @@ def load(
     )
 
 
-def check_unchanged_now(planner: PlannerInfo) -> None:
-    """As `planner_info.check_unchanged`, without running a line of the planner's code."""
+def check_unchanged_since(planner: PlannerInfo, code: str | None) -> None:
+    """As `planner_info.check_unchanged`, without running a line of the planner's code.
+
+    code: its hash by `code_hash` before. That is not always the planner's `code_sha256`: code that extends Python's
+    path may import files that are not found without running it.
+    """
     inner = image_of(planner.spec)[1]
-    check_unchanged(planner, code_hash(inner), files_place(inner))
+    check_unchanged(replace(planner, code_sha256=code), code_hash(inner), files_place(inner))
 
 
 def load_alone(planner: PlannerInfo, hidden: Sequence[str] = ()) -> LoadedPlanner:
