@@ -10,17 +10,19 @@ import click
 from rich.console import Console
 
 from tsbench.cli import EXIT_FAILED, EXIT_INTERRUPTED, options
-from tsbench.cli.console import table_console
+from tsbench.cli.console import print_table, table_console
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import check_driven
 from tsbench.core.streams import progress_console
-from tsbench.report.analyses.analysis import print_analysis, to_markdown
+from tsbench.report.analyses.analysis import to_markdown
 from tsbench.report.analyses.main_table import run_tables
+from tsbench.report.tables.run_ending import failures, headline
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import EXECUTORS
 from tsbench.run.listener import KNOWN, make_listener
 from tsbench.run.log.folder import TABLES_TEXT
 from tsbench.run.log.rescored import write_rescored
+from tsbench.run.log.tables import read_table
 from tsbench.run.plan import BOTH, TRACES, VARIANTS, WHICH_HALVES, Request
 from tsbench.run.run_options import LEAST_MEMORY_MB, Options
 from tsbench.run.run_progress import ProgressWatcher
@@ -153,10 +155,12 @@ def _write_tables(folder: Path, summary: Summary) -> None:
 
 
 def _tell(ended: RunResult, console: Console) -> None:
+    lines: list[str] = []
     if ended.summary is not None:
-        for table in run_tables(ended.summary):
-            print_analysis(table, console)
-    lines = [f"{ended.finished} of {ended.asked} episodes finished, {ended.errors} with an error outcome"]
+        heads, rows = headline(ended.summary.planners)
+        print_table(heads, rows, title=ended.summary.title)
+        lines += failures(read_table(ended.folder / "episodes.parquet"), ended.folder)
+    lines += [f"{ended.finished} of {ended.asked} episodes finished, {ended.errors} with an error outcome"]
     if ended.finished < ended.asked:
         lines.append(
             "run the same command again to continue (--allow-partial prints the table of what is there)"
