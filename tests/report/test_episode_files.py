@@ -57,7 +57,7 @@ def names(run: Path, **asked: object) -> list[str]:
 
 def test_a_selection_is_what_holds_all_of_it(run: Path) -> None:
     three = ["idm/speed_limit-m0-v0", "idm/yield-m0-v0", "my.py:P/yield-m0-v0"]
-    assert names(run, violations=True) == three
+    assert names(run, failures=True) == three
     assert names(run, types=("speed",)) == ["idm/speed_limit-m0-v0"]
     assert names(run, planners=("idm",), outcomes=("arrived",)) == ["idm/yield-m0-v0"]
     assert select_traces(run, Selection(planners=("idm",))).untraced == 1
@@ -67,7 +67,7 @@ def test_a_selection_is_what_holds_all_of_it(run: Path) -> None:
         ({"outcomes": ("fly",)}, "--outcome fly: there are arrived"),
         ({"types": ("fly",)}, "--types fly: no such type"),
         ({"outcomes": ("off_road",)}, "none of its 4 episodes is selected"),
-        ({"violations": False, "outcomes": ("arrived",), "types": ("speed",)}, "none of the 1 selected"),
+        ({"failures": False, "outcomes": ("arrived",), "types": ("speed",)}, "none of the 1 selected"),
     ):
         with pytest.raises(InputError, match=words):
             names(run, **asked)
@@ -128,7 +128,7 @@ def command(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int
 @pytest.mark.slow
 def test_the_command_draws_all_violations(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     trace_path(run, "my.py:P", "yield-m0-v0").write_bytes(b"torn")
-    code, out, _ = command(capsys, run, "--violations", "--format", "mp4", "--workers", "2")
+    code, out, _ = command(capsys, run, "--failures", "--format", "mp4", "--workers", "2")
     assert code == 1
     assert "my.py:P/yield-m0-v0: " in out
     assert "2 mp4 files made, 0 kept, 1 failed" in out
@@ -146,9 +146,9 @@ def test_the_command_draws_all_violations(run: Path, capsys: pytest.CaptureFixtu
 def test_wrong_usage_is_one_line(run: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     for arguments, words in (
         ((run,), "name one EPISODE"),
-        ((run, "yield-m0-v0", "--violations"), "name one EPISODE"),
-        ((run, "--violations", "--time", 1), "--time chooses the moment of one EPISODE"),
-        ((tmp_path, "--violations"), "no run folder"),
+        ((run, "yield-m0-v0", "--failures"), "name one EPISODE"),
+        ((run, "--failures", "--time", 1), "--time chooses the moment of one EPISODE"),
+        ((tmp_path, "--failures"), "no run folder"),
     ):
         code, out, err = command(capsys, *arguments)
         assert (code, out) == (2, "")

@@ -34,14 +34,14 @@ def _selecting(command: Callable[..., None]) -> Callable[..., None]:
     """Arguments and options that name an episode or select many; the command gets them as `selection` and `workers`."""
 
     @functools.wraps(command)
-    def called(violations: bool, types: Words, planners: Words, outcomes: Words, **others: Any) -> None:
-        command(selection=Selection(violations, types, planners, outcomes), **others)
+    def called(failures: bool, types: Words, planners: Words, outcomes: Words, **others: Any) -> None:
+        command(selection=Selection(failures, types, planners, outcomes), **others)
 
     return options.several(
         click.argument("run", type=options.PATH, callback=options.of_their_city),
         click.argument("episode", metavar="[EPISODE]", required=False),
         click.option(
-            "--violations", is_flag=True, help="All episodes in which the target sign was violated."
+            "--failures", is_flag=True, help="All episodes without SCD: not compliant, or not arrived."
         ),
         options.types,
         options.planners("All of this planner"),
@@ -97,7 +97,7 @@ def _make(
     """
     if (episode is None) != bool(selection):
         raise InputError(
-            f"{run}: name one EPISODE, or select some with --violations, --types, --planner or --outcome"
+            f"{run}: name one EPISODE, or select some with --failures, --types, --planner or --outcome"
         )
     if episode is not None:
         click.echo(str(make_one(run, episode, kind, out)))

@@ -23,24 +23,24 @@ from tsbench.signs.catalog import load_catalog
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S
 
-_COLUMNS = ("planner", "scenario_id", "scenario_type", "outcome", "violations")
+_COLUMNS = ("planner", "scenario_id", "scenario_type", "outcome", "scd")
 
 
 @dataclass(frozen=True, slots=True)
 class Selection:
     """All that is given must hold; nothing given selects nothing.
 
-    violations: the target sign was violated. types: type ids and groups. planners: names in the records.
+    failures: without SCD. types: type ids and groups. planners: names in the records.
     outcomes: how the episode ended.
     """
 
-    violations: bool = False
+    failures: bool = False
     types: tuple[str, ...] = ()
     planners: tuple[str, ...] = ()
     outcomes: tuple[str, ...] = ()
 
     def __bool__(self) -> bool:
-        return bool(self.violations or self.types or self.planners or self.outcomes)
+        return bool(self.failures or self.types or self.planners or self.outcomes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ def select_traces(run: Path, selection: Selection) -> Chosen:
         (row["planner"], row["scenario_id"])
         for row in rows
         if row["scenario_type"] in types
-        and (not selection.violations or row["violations"])
+        and (not selection.failures or not row["scd"])
         and (not selection.planners or row["planner"] in selection.planners)
         and (not selection.outcomes or row["outcome"] in selection.outcomes)
     ]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from tsbench.core.text import one_line, written_out
+from tsbench.core.text import one_line
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import StrictAndCompleted
 from tsbench.metrics.intervals import Estimate
@@ -63,7 +63,7 @@ def failures(episodes: pa.Table, folder: Path) -> Iterator[str]:
         for cause, _ in causes[:_MOST_CAUSES]:
             row = next(row for found, row in failed if found == cause)
             if row["error"]:
-                yield f"  {cause}  {row['scenario_id']}: {written_out(one_line(row['error']))[:_MOST_TEXT]}"
+                yield f"  {cause}  {row['scenario_id']}: {one_line(row['error'])[:_MOST_TEXT]}"
             else:
                 shown = shlex.join(("tsbench", "render", str(folder), f"{planner}/{row['scenario_id']}"))
                 yield f"  {cause}  {shown}"
