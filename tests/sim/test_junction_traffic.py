@@ -15,7 +15,7 @@ from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder
 from tsbench.sim.convoy import SHOWS_AT_M, Approach, earliest_arrival
-from tsbench.sim.junction_traffic import HOLD_BEFORE_LINE_M, JunctionTraffic, exchangeable
+from tsbench.sim.junction_traffic import OLD_HOLD, JunctionTraffic, exchangeable
 from tsbench.sim.scene import ConvoyPlan, EgoStart, Scene, SceneFile
 from tsbench.sim.scene_file import late_entries, read_additional
 from tsbench.sim.sumo import Simulation
@@ -74,7 +74,7 @@ def test_everybody_waits_for_who_stands_far_from_its_line(sim: Simulation, on_cr
     there = stage.stand(20.0, 40.0)
     lane, place = there["convoy_0"]
     assert lane == "w_in_0"
-    assert place == pytest.approx(stage.network.lane("w_in_0").length - HOLD_BEFORE_LINE_M, abs=0.3)
+    assert place == pytest.approx(stage.network.lane("w_in_0").length - OLD_HOLD[0], abs=0.3)
     assert there["convoy_1"][0] == "w_in_0"
     assert there["convoy_1"][1] < place - 4.5
     assert not {"bg_000", "bg_001"} & set(there)
@@ -144,7 +144,9 @@ def test_a_slow_ego_meets_a_convoy_that_still_comes(
     """It does not stand at its line when the ego decides, and brakes no harder than for its hold."""
     made = scene(on_cross, "slow")
     assert made.convoy is not None
-    plan = replace(made.convoy, lead_time_s=9.0, ego_zone_m=4.0, ego_cruise_mps=11.1, after_s=2.5)
+    plan = replace(
+        made.convoy, lead_time_s=9.0, ego_zone_m=4.0, ego_cruise_mps=11.1, after_s=2.5, keeps_back=True
+    )
     made = replace(made, convoy=plan)
     stage, lead = Stage(sim, made), []
     to_line = 30.0
@@ -179,7 +181,7 @@ def test_who_rushed_and_brakes_is_told_no_sooner(sim: Simulation, on_cross: Scen
     led(stage, 22.0, 2.4)
     lane, place = stage.stand(20.0, 20.0)["convoy_0"]
     assert lane == "w_in_0"
-    assert place == pytest.approx(stage.network.lane("w_in_0").length - HOLD_BEFORE_LINE_M, abs=0.3)
+    assert place == pytest.approx(stage.network.lane("w_in_0").length - OLD_HOLD[0], abs=0.3)
 
 
 def entering(made: Scene) -> Scene:
@@ -208,7 +210,7 @@ def test_a_convoy_enters_at_its_speed_when_it_is_released(sim: Simulation, on_cr
     there = stage.stand(20.0, 30.0)
     assert there["convoy_0"][0] == there["convoy_1"][0] == "w_in_0"
     end = stage.network.lane("w_in_0").length
-    assert there["convoy_0"][1] == pytest.approx(end - HOLD_BEFORE_LINE_M, abs=0.3)
+    assert there["convoy_0"][1] == pytest.approx(end - OLD_HOLD[0], abs=0.3)
 
 
 def test_where_plates_say_nothing_about_others_time_goes_on(sim: Simulation, on_cross: SceneMaker) -> None:

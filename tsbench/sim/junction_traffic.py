@@ -10,6 +10,8 @@ Source: docs/scenes.md, "Priority at junctions". Units: m, s.
 
 from __future__ import annotations
 
+import math
+
 from tsbench.signs.contrast import PassageParams
 from tsbench.signs.plate_params import GiveWayParams, RoundaboutParams
 from tsbench.sim.convoy import (
@@ -33,6 +35,8 @@ from tsbench.sim.world import DT_S, EgoState
 # than what the rule of giving way takes for forced (sign_catalog/rules/give_way.yaml).
 HOLD_BEFORE_LINE_M = 1.5
 HOLD_BRAKE_MPS2 = 2.3
+# The same in the scenes of 2026.3.
+OLD_HOLD = 3.0, 2.0
 # It comes up to there at least so fast, and keeps its speed where it has no more than this in hand.
 LEAST_MPS = 2.0
 EVEN_S = 0.3
@@ -113,10 +117,14 @@ class JunctionTraffic:
             self._hurries = late
             lead = self._convoy[0]
             if lead in there:
-                top = MAX_SPEED_MPS if late else self._kept_back(self._plan, to_line, ego.speed)
-                if spare < EVEN_S:
-                    top = max(top, self._sim.speed(lead))
-                self._sim.stop_before_end(lead, HOLD_BEFORE_LINE_M, HOLD_BRAKE_MPS2, top)
+                top, hold = math.inf, OLD_HOLD
+                if self._plan.keeps_back:
+                    hold = HOLD_BEFORE_LINE_M, HOLD_BRAKE_MPS2
+                    if not late:
+                        top = self._kept_back(self._plan, to_line, ego.speed)
+                    if spare < EVEN_S:
+                        top = max(top, self._sim.speed(lead))
+                self._sim.stop_before_end(lead, *hold, top)
 
     def _is_time(self, to_line: float, speed: float) -> bool:
         """Is the convoy released at this tick?"""

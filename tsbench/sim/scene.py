@@ -63,11 +63,13 @@ class ReleasePlan:
 class ConvoyPlan(ReleasePlan):
     """vehicles: SUMO ids, lead first. Their lead's time was measured when the scene was built.
 
-    after_s: so much later than the ego the lead reaches the zone.
+    after_s: so much later than the ego the lead reaches the zone. keeps_back: it slows down with an ego that is slow near
+    its line (`sim.junction_traffic`), as it does not in the scenes of 2026.3.
     """
 
     vehicles: tuple[str, ...]
     after_s: float = 0.0
+    keeps_back: bool = False
 
     @property
     def ahead_s(self) -> float:

@@ -59,6 +59,7 @@ def layout_elements(layout: SceneLayout, network: RoadNetwork) -> list[etree._El
     elements.append(_poi("destination", x, y, "green", {"edge": destination.edge, "s": repr(destination.s)}))
     if layout.convoy is not None:
         held = {"vehicles": " ".join(layout.convoy.vehicles), "after_s": repr(layout.convoy.after_s)}
+        held |= {"keeps_back": "1"} if layout.convoy.keeps_back else {}
         elements.append(_plan_poi("convoy", layout.convoy, held, network))
     if layout.walkers is not None:
         held = {
@@ -151,6 +152,7 @@ def read_layout(path: Path, content: bytes | None = None) -> SceneLayout:
                 **_plan(convoy),
                 vehicles=tuple(convoy["vehicles"].split()),
                 after_s=float(convoy.get("after_s", "0.0")),
+                keeps_back=convoy.get("keeps_back") == "1",
             ),
             route_hint=tuple(start["route"].split()),
             compliant_hint=tuple(start.get("compliant", "").split()),

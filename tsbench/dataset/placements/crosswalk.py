@@ -94,7 +94,7 @@ class CrosswalkPlacement(ScenePlacement):
         facing = [f"{row.fields['opposite']}.{k}" for k in (1, 0)]
         limit: tuple[str, float | None] = (
             recipe.choices["contrast_plates"][0],
-            self._limit(task, (first, last, beyond)),
+            self._limit(task, (first, last, beyond, *facing)),
         )
         posts = zip((first, facing[0], last, facing[1]), 2 * [(self.code, None)] + 2 * [limit], strict=True)
         signs = tuple(
@@ -153,9 +153,11 @@ class CrosswalkPlacement(ScenePlacement):
 
     @staticmethod
     def _limit(task: SceneTask, edges: tuple[str, ...]) -> float:
-        """The contrast half's limit, km/h: one of the road's class, and no less than the road's own."""
-        recipe = task.recipe
-        road = max(task.network.expected_speed(edge) for edge in edges) / KMH
+        """The contrast half's limit, km/h: one of the road's class, and no less than the road's own, or than cars drive."""
+        recipe, network = task.recipe, task.network
+        driven = [network.expected_speed(edge) for edge in edges]
+        driven += [lane.speed for edge in edges for lane in passenger_lanes(network, edge)]
+        road = max(driven) / KMH
         code, limits = recipe.choices["contrast_plates"][0], recipe.choices["contrast_kmh"]
         usable = [v for v in limits if can_post(task.row, code, v) and v >= road - 0.5]
         require(bool(usable), f"no limit of a {task.row.road_class} road is {road:.0f} km/h or more")

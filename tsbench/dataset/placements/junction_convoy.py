@@ -148,6 +148,6 @@ def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
         drivers=(body,) * count, places=(body.length,) * count, lane=priority_lane.id,
         edges=(priority_lane.edge, network.lanes[chosen.priority.to_lane].edge),
         zone_m=arm_m + chosen.zone.b_in, line_lane=ego_lane.id, ego_zone_m=chosen.zone.a_in,
-        ego_cruise_mps=cruise, ego_turn_mps=turn, after_s=after, abrupt=True,
+        ego_cruise_mps=cruise, ego_turn_mps=turn, after_s=after, keeps_back=True, abrupt=True,
         departs=tuple(round(first + k * step, 1) for k in range(count)),
     )  # fmt: skip

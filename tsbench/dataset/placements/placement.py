@@ -45,7 +45,7 @@ class ConvoySetup:
     last one's, and each drives on from its own.
     The lead is the one that the ego meets first; `vclass` is SUMO's class of them all. zone_m: along the lead's path
     from the start of `lane` to the conflict zone. line_lane, ego_zone_m, ego_cruise_mps, ego_turn_mps: as in
-    sim.scene.ConvoyPlan; so is after_s. abrupt: they brake no sooner than they must. departs: when each enters at the
+    sim.scene.ConvoyPlan; so are after_s and keeps_back. abrupt: they brake no sooner than they must. departs: when each enters at the
     start of `lane`, at its cruise speed (s; an episode's release moves all of them alike); (): they stand there.
     """
 
@@ -61,6 +61,7 @@ class ConvoySetup:
     vclass: str = "passenger"
     lanes: tuple[str, ...] = ()
     after_s: float = 0.0
+    keeps_back: bool = False
     abrupt: bool = False
     departs: tuple[float, ...] = ()
 

@@ -138,7 +138,7 @@ class SceneFileWriter:
         )
         ids = tuple(f"convoy_{k}" for k in range(len(c.places)))
         return ConvoyPlan(
-            c.line_lane, c.ego_zone_m, seconds, c.ego_cruise_mps, c.ego_turn_mps, ids, c.after_s
+            c.line_lane, c.ego_zone_m, seconds, c.ego_cruise_mps, c.ego_turn_mps, ids, c.after_s, c.keeps_back
         )
 
     def _traffic(
