@@ -63,8 +63,8 @@ class ReleasePlan:
 class ConvoyPlan(ReleasePlan):
     """vehicles: SUMO ids, lead first. Their lead's time was measured when the scene was built.
 
-    after_s: so much later than the ego the lead reaches the zone. keeps_back: it slows down with an ego that is slow near
-    its line (`sim.junction_traffic`), as it does not in the scenes of 2026.3.
+    after_s: so much later than the ego the lead reaches the zone. keeps_back: it slows down with an ego that is slow
+    near its line (`sim.junction_traffic`), as it does not in the scenes of 2026.3.
     """
 
     vehicles: tuple[str, ...]

@@ -153,7 +153,7 @@ class CrosswalkPlacement(ScenePlacement):
 
     @staticmethod
     def _limit(task: SceneTask, edges: tuple[str, ...]) -> float:
-        """The contrast half's limit, km/h: one of the road's class, and no less than the road's own, or than cars drive."""
+        """The contrast half's limit, km/h: one of the road's class, no less than the road's own and than cars drive."""
         recipe, network = task.recipe, task.network
         driven = [network.expected_speed(edge) for edge in edges]
         driven += [lane.speed for edge in edges for lane in passenger_lanes(network, edge)]

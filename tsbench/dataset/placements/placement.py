@@ -45,8 +45,9 @@ class ConvoySetup:
     last one's, and each drives on from its own.
     The lead is the one that the ego meets first; `vclass` is SUMO's class of them all. zone_m: along the lead's path
     from the start of `lane` to the conflict zone. line_lane, ego_zone_m, ego_cruise_mps, ego_turn_mps: as in
-    sim.scene.ConvoyPlan; so are after_s and keeps_back. abrupt: they brake no sooner than they must. departs: when each enters at the
-    start of `lane`, at its cruise speed (s; an episode's release moves all of them alike); (): they stand there.
+    sim.scene.ConvoyPlan; so are after_s and keeps_back. abrupt: they brake no sooner than they must. departs: when each
+    enters at the start of `lane`, at its cruise speed (s; an episode's release moves all of them alike); (): they stand
+    there.
     """
 
     drivers: tuple[Driver, ...]
