@@ -82,7 +82,7 @@ class ClosedRoadPlacement(ScenePlacement):
         harmless = recipe.choices["harmless"][0]
         signs = (
             plate_beside(network, self.code, way.exit, plate_s, ApproachParams(lane.edge)),
-            usual_limit(network, harmless, (way.other, plate_s), (way.exit, way.other)),
+            usual_limit(task, harmless, (way.other, plate_s), (way.exit, way.other)),
         )
         room = network.edges[way.exit].length - recipe.number("end_before_edge_m")
         end_s = variant.route_end(plate_s + recipe.number("destination_behind_plate_m"), room)

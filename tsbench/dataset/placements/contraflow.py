@@ -29,7 +29,6 @@ from tsbench.roads.destination import Destination
 from tsbench.roads.network import DEFAULT_LANE_WIDTH_M, RoadNetwork
 from tsbench.roads.reserved_lanes import contraflow_lanes
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
@@ -40,7 +39,7 @@ class ContraflowPlacement(ScenePlacement):
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
-        self.users = load_catalog().sign(self.code).rule.option("users")
+        self.users = recipe.catalog.sign(self.code).rule.option("users")
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The exit's leftmost lane turned round, and the approach's lanes leading straight on into the others."""

@@ -32,7 +32,6 @@ from tsbench.dataset.scenes.placed_plates import PlacedPlates
 from tsbench.dataset.scenes.plate_roads import PlateRoads
 from tsbench.dataset.scenes.traffic import Sent, shut_roads
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import load_catalog
 
 _Plate = tuple[str, float | None]
 
@@ -51,7 +50,7 @@ def with_same_plates(
     """
     ours, theirs = (Counter((s.code, s.value) for s in half.signs) for half in (signed, contrast))
     swaps = list(zip(_in_order(theirs - ours), _in_order(ours - theirs), strict=True))
-    if any(_ends(code) for (code, _), _ in swaps):
+    if any(task.recipe.catalog.sign(code).is_end for (code, _), _ in swaps):
         return _with_same_limits(task, signed, contrast)
     held = _held_posts(task, signed, swaps, halves)
     sent = _sent(task, signed, held, halves[0].roads)
@@ -117,7 +116,7 @@ def _sent(
     An approach from which the two halves' plates permit no common way is not used, nor is a road from which only
     ways onto the ego's are left: all its traffic would stand where the ego turns.
     """
-    graph, catalog = task.graph, load_catalog()
+    graph, catalog = task.graph, task.recipe.catalog
     avoid, closed = set(arrangement.avoid_turns), set(arrangement.closed_edges)
     ego = {*arrangement.route_hint, *arrangement.compliant_hint}
     shut: list[tuple[str, ...]] = []
@@ -161,10 +160,6 @@ def _on_posts(
     ours = tuple(replace(post, code=code, value=value) for post, (code, value), _ in posts)
     theirs = tuple(replace(post, code=code, value=value) for post, _, (code, value) in posts)
     return replace(signed, signs=(*signed.signs, *ours)), replace(contrast, signs=(*contrast.signs, *theirs))
-
-
-def _ends(code: str) -> bool:
-    return load_catalog().sign(code).is_end
 
 
 def _in_order(plates: Counter[_Plate]) -> list[_Plate]:

@@ -157,7 +157,7 @@ class CrosswalkPlacement(ScenePlacement):
         recipe = task.recipe
         road = max(task.network.expected_speed(edge) for edge in edges) / KMH
         code, limits = recipe.choices["contrast_plates"][0], recipe.choices["contrast_kmh"]
-        usable = [v for v in limits if can_post(task.row, code, v) and v >= road - 0.5]
+        usable = [v for v in limits if can_post(recipe, task.row, code, v) and v >= road - 0.5]
         require(bool(usable), f"no limit of a {task.row.road_class} road is {road:.0f} km/h or more")
         above = [v for v in usable if v >= road + recipe.number("contrast_above_kmh") - 0.5] or usable
         return float(above[task.variant.value % len(above)])

@@ -49,7 +49,6 @@ from tsbench.roads.lane_graph import Turn
 from tsbench.roads.network import Connection, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, TARGET, SignInstance
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, PassageParams
 from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.convoy import predicted_arrival
@@ -73,7 +72,7 @@ class GiveWayPlacement(ScenePlacement):
     """
 
     def __init__(self, recipe: Recipe) -> None:
-        sign = load_catalog().sign(recipe.type.codes[0])
+        sign = recipe.catalog.sign(recipe.type.codes[0])
         self._code, self._faces = sign.code, sign.placement.faces
         self._stops = sign.rule.name == "stop"
         self._roles = _ROLES[sign.rule.option("priority_to")]

@@ -32,7 +32,6 @@ from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import Roads
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.scene import SceneFile
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
@@ -98,7 +97,7 @@ class SiteBuilder:
         self.placement = placement_of(recipe)
         self.sim, self.prover = sim, prover
         self._rejected: list[str] = []
-        self._type_of = {code: kind for kind in load_catalog().types for code in kind.codes}
+        self._type_of = {code: kind for kind in recipe.catalog.types for code in kind.codes}
 
     def build(self, row: PoolRow, source: SourceNetwork, split: str) -> MapScenarios:
         """All variants of a map, or the reason that it can't carry the type."""
@@ -190,7 +189,8 @@ class SiteBuilder:
 
         def files(half: str, a: Arrangement) -> SceneFileWriter:
             path = folder / f"v{variant.number}{_ENDS[half]}.add.xml.gz"
-            return SceneFileWriter(self.sim, roads[half], path, a, a.drivers or drivers, seed, draw)
+            cars = a.drivers or drivers
+            return SceneFileWriter(self.sim, roads[half], path, a, cars, seed, draw, recipe.catalog)
 
         def written(half: str, a: Arrangement, others: OtherTraffic) -> ScenarioSpec:
             writer = files(half, a)

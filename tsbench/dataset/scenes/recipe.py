@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, TypedDict
 
@@ -74,9 +74,11 @@ class Recipe(_Arrangement):
     as their names say. choices: lists to draw from. blind_baseline: the sign-blind driver that has to break the rule
     (docs/scenes.md, "Certificates"). violating_baseline: a driver that should break it in a draw, "" = none. It
     is asked for where traffic often ends the other's episode first. paired: have its rows a contrast half?
+    catalog: the signs and rules that scenes are made by.
     """
 
     type: ScenarioType
+    catalog: Catalog = field(repr=False, compare=False)
 
     def number(self, name: str) -> float:
         """One of the recipe's numbers. Raises InputError where the recipe lacks it."""
@@ -107,7 +109,7 @@ def _recipe(file: _File, catalog: Catalog) -> Recipe:
                 raise ValueError(f"numbers: {name}: {value:g} is more than {other}, {numbers[other]:g}")
     for key, entries in file.choices.items():
         _named(f"choices: {key}", _CHOICES.get(key, list[str]), entries)
-    return Recipe(**{**vars(file), "numbers": numbers, "type": catalog.type(file.type)})
+    return Recipe(**{**vars(file), "numbers": numbers, "type": catalog.type(file.type), "catalog": catalog})
 
 
 def _of_end(name: str) -> Any:

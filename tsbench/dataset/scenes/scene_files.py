@@ -44,10 +44,10 @@ from tsbench.dataset.seeds import rng_of
 from tsbench.roads.lane_graph import Turn
 from tsbench.scenarios.certificates import DENSITY_TOLERANCE
 from tsbench.scenarios.scene_loader import Roads
-from tsbench.signs.places import load_places
+from tsbench.signs.catalog import Catalog
 from tsbench.sim.ego import start_motion
-from tsbench.sim.scene import ConvoyPlan, SceneFile, SceneLayout
-from tsbench.sim.scene_file import layout_elements, read_layout, scene_from_layout
+from tsbench.sim.scene import ConvoyPlan, Scene, SceneFile, SceneLayout
+from tsbench.sim.scene_file import layout_elements, read_layout
 from tsbench.sim.sumo import Simulation
 
 DENSITY_GOAL = 0.1
@@ -71,10 +71,10 @@ class SceneFileWriter:
 
     def __init__(
         self, sim: Simulation, roads: Roads, path: Path, arrangement: Arrangement, drivers: tuple[Driver, ...],
-        seed: int, name: str,
+        seed: int, name: str, catalog: Catalog,
     ) -> None:  # fmt: skip
         self.sim, self.roads, self.path, self.a = sim, roads, path, arrangement
-        self.drivers, self.seed, self.name = drivers, seed, name
+        self.drivers, self.seed, self.name, self.catalog = drivers, seed, name, catalog
         self.trial = path.with_name(f"{path.name.partition('.')[0]}.trial.xml")
         self.sha256 = ""
 
@@ -98,7 +98,7 @@ class SceneFileWriter:
         root = etree.Element("additional")
         root.extend(self._elements(others or OtherTraffic((), 0.0, None)))
         vehicles = routed_vehicles(root=root, network=network, lawful=a.compliant_hint or a.route_hint)
-        return PlacedPlates(load_places(), plate_roads(self.roads.graph), a.signs, a.obstacles, vehicles)
+        return PlacedPlates(self.catalog, plate_roads(self.roads.graph), a.signs, a.obstacles, vehicles)
 
     def _elements(self, others: OtherTraffic) -> list[etree._Element]:
         a, network = self.a, self.roads.network
@@ -204,8 +204,11 @@ class SceneFileWriter:
         a, network = self.a, self.roads.network
         lane = network.lane(a.start.lane)
         additional = SceneFile(self.path, read_plain(self.path, "scene file"))
-        layout = read_layout(self.path, additional.content)
-        scene = scene_from_layout(layout, network, self.roads.file, additional, 1, self.seed)
+        layout = read_layout(self.path, self.catalog, additional.content)
+        scene = Scene(
+            **vars(layout), catalog=self.catalog, net=self.roads.file, additional=additional, network=network,
+            horizon=1, seed=self.seed,
+        )  # fmt: skip
         for problem in lint_scene(scene, self.roads.graph):
             raise UnfitMapError(problem)
         self.sim.load_scene(scene)
