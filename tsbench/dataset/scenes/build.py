@@ -27,7 +27,7 @@ from tsbench.dataset.maps.source import kept_source
 from tsbench.dataset.placements.by_name import placement_of
 from tsbench.dataset.scenes.map_scenarios import MapScenarios, Prover, SiteBuilder
 from tsbench.dataset.scenes.places import with_places
-from tsbench.dataset.scenes.recipe import Recipe, load_recipe, recipe_types
+from tsbench.dataset.scenes.recipe import Recipe, load_recipes
 from tsbench.dataset.scenes.split import split_pool
 from tsbench.dataset.seeds import seed_of
 from tsbench.scenarios.certificates import (
@@ -41,7 +41,6 @@ from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder, store_path, write_store
 from tsbench.scenarios.table import SPLITS, read_table, table_path, write_table
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
 
 APART_M = 60.0
@@ -255,11 +254,10 @@ def build_scenarios(request: BuildRequest, progress: Progress) -> list[TypeRepor
     Raises InputError where the pool or the extracts are missing. A type for which the pool has too few maps is kept as
     far as it goes, and its report says what is short.
     """
-    catalog = load_catalog()
     rows = read_pool(pool_file())
     city = chosen_city()
     split_of = split_pool(rows, city.split)
-    recipes = [load_recipe(t, catalog) for t in request.types or recipe_types()]
+    recipes = load_recipes(request.types)
     reports: list[TypeReport] = []
     with worker_processes(request.workers, "building scenes") as pool:
         for split in (s for s in SPLITS if s in request.splits and s in city.maps):

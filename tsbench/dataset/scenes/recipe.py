@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, TypedDict
@@ -12,7 +13,7 @@ from tsbench.core.benchmark import TEST_PER_TRAIN
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_file
 from tsbench.core.typed import read_sheet, typed
-from tsbench.signs.catalog import Catalog, ScenarioType
+from tsbench.signs.catalog import Catalog, ScenarioType, load_catalog
 
 _Few = Annotated[int, Meta(ge=1, le=20)]
 _Kmh = Annotated[float, Meta(ge=1, le=200)]
@@ -96,6 +97,12 @@ def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> R
     """The recipe of a type. Raises InputError (file, key, problem)."""
     path = (folder or recipes_folder()) / f"{type_id}.yaml"
     return read_sheet(_File, path, "type", lambda file: _recipe(file, catalog))
+
+
+def load_recipes(types: Iterable[str]) -> list[Recipe]:
+    """The recipes of some types, of all that have one where none is named. Raises InputError (file, key, problem)."""
+    catalog = load_catalog()
+    return [load_recipe(type_id, catalog) for type_id in types or recipe_types()]
 
 
 def _recipe(file: _File, catalog: Catalog) -> Recipe:
