@@ -237,7 +237,7 @@ def load_countries(root: Path | None = None) -> tuple[Country, ...]:
 
 def country_in_use() -> Country | None:
     """The country of the city in use; None where no file says which, or that has no file."""
-    return _of_city(data_file(f"cities/{source_city()}.yaml"), load_catalog().root / "countries")
+    return _of_city(data_file(f"cities/{source_city()}.yaml"), data_file("sign_catalog/countries"))
 
 
 @cache
