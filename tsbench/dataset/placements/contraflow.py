@@ -62,10 +62,8 @@ class ContraflowPlacement(ScenePlacement):
             graph.route(approach, exit_) == (approach, exit_), "the exit is not the next edge of the route"
         )
         onward = _onward(network, reserved)
-        sign = plate_beside(
-            network, self.code, exit_, recipe.number("plate_after_junction_m"),
-            ReservedLaneParams((exit_,), approach, (contra.id,)),
-        )  # fmt: skip
+        params = ReservedLaneParams((exit_,), approach, (contra.id,))
+        sign = plate_beside(network, self.code, exit_, recipe.number("plate_after_junction_m"), params)
         most = min(recipe.number("run_up_most_m"), lane.line.length - EGO_LENGTH_M - 0.1)
         least = recipe.number("run_up_least_m")
         require(most >= least, f"{lane.line.length:.0f} m of road before the junction")

@@ -146,10 +146,9 @@ class CrosswalkPlacement(ScenePlacement):
             for sign, other in zip(signed.signs, others, strict=True)
         )
         plate = replace(plate, params=ZoneParams((first, last)))
-        return replace(
-            signed, signs=(plate, *rest), walkers=replace(signed.walkers, until_past=True),
-            contrast=tuple(ContrastClause(name, passage) for name in ("needless_stop", "needless_yield")),
-        )  # fmt: skip
+        walkers = replace(signed.walkers, until_past=True)
+        needless = tuple(ContrastClause(name, passage) for name in ("needless_stop", "needless_yield"))
+        return replace(signed, signs=(plate, *rest), walkers=walkers, contrast=needless)
 
     @staticmethod
     def _limit(task: SceneTask, edges: tuple[str, ...]) -> float:

@@ -133,11 +133,9 @@ class ManoeuvrePlacement(ScenePlacement):
         short, compliant = signed.route_hint, signed.compliant_hint
         code = self.other_code(task, short, compliant)
         plates = self.other_plates(signed.signs, code)
-        way = WayParams(short[0], exits=(short[1],))
-        return replace(
-            signed, signs=plates, target=next(p.id for p in plates if p.role == "target"), compliant_hint=(),
-            contrast=(ContrastClause("needless_detour", way),),
-        )  # fmt: skip
+        target = next(p.id for p in plates if p.role == "target")
+        way = ContrastClause("needless_detour", WayParams(short[0], exits=(short[1],)))
+        return replace(signed, signs=plates, target=target, compliant_hint=(), contrast=(way,))
 
     def banned(self, graph: LaneGraph, short: Sequence[str], allowed: Sequence[str]) -> frozenset[Turn]:
         """Turns out of the signed approach that a plate with these manoeuvres prohibits."""

@@ -104,11 +104,8 @@ class ReservedLanePlacement(ScenePlacement):
         del task
         plate, other = signed.signs
         params = plate.params_as(ReservedLaneParams)
-        stay = WayParams(params.approach, lanes=params.lanes)
-        return replace(
-            signed, target=other.id, signs=exchanged(plate, other),
-            contrast=(ContrastClause("needless_detour", stay),),
-        )  # fmt: skip
+        stay = ContrastClause("needless_detour", WayParams(params.approach, lanes=params.lanes))
+        return replace(signed, target=other.id, signs=exchanged(plate, other), contrast=(stay,))
 
 
 def _users(task: SceneTask, vclass: str, lane: Lane, edges: tuple[str, ...]) -> tuple[etree._Element, ...]:

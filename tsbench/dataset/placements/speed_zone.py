@@ -164,11 +164,9 @@ class SpeedZonePlacement(ScenePlacement):
         length = sum(task.network.edge_lanes(e)[0].line.length for e in zone)
         slow = SlowZoneParams(zone, 0.0, length, min(value, task.row.speed_mps / KMH))
         begin, end = self.other_codes
-        other = {
-            (self.code, limit): (begin, value), (self.end_code, limit): (end, value),
-            (begin, value): (self.code, limit), (end, value): (self.end_code, limit),
-        }  # fmt: skip
-        hung = ((sign, *other[sign.code, sign.posted]) for sign in signed.signs)
+        other = {(self.code, limit): (begin, value), (self.end_code, limit): (end, value)}
+        swap = other | {theirs: ours for ours, theirs in other.items()}
+        hung = ((sign, *swap[sign.code, sign.posted]) for sign in signed.signs)
         signs = tuple(replace(sign, code=code, value=value) for sign, code, value in hung)
         return replace(signed, signs=signs, contrast=(ContrastClause("needless_slow", slow),))
 

@@ -189,10 +189,10 @@ class TypeBuilder:
             if len(taken) >= wanted:
                 break
         missed = {k: v - counts[k] for k, v in quota.items() if counts[k] < v}
+        kind, maps, short = self.recipe.type.id, dict(sorted(counts.items())), wanted - len(taken)
         return taken, TypeReport(
-            self.recipe.type.id, split, dict(sorted(counts.items())), missed, wanted - len(taken),
-            dict(reasons.most_common()), dict(draws.most_common()),
-        )  # fmt: skip
+            kind, split, maps, missed, short, dict(reasons.most_common()), dict(draws.most_common())
+        )
 
     def _built(
         self, pick: list[PoolRow], split: str, counts: Counter[str], quota: dict[str, int], wanted: int,
@@ -230,16 +230,13 @@ class TypeBuilder:
 
     def _start(self, row: PoolRow, split: str) -> Callable[[], dict[str, Any]]:
         stamp = hashlib.sha256(f"{self.key}|{split}|{row}".encode()).hexdigest()
-        workplace = self.request.workplace
-        return self.pool.start(
-            _build_one, self.recipe, row, split, self.request,
-            kept=CachedResult(workplace / self.recipe.type.id / f"{row.map_id}.json", stamp),
-            sound=lambda kept: _files_there(_scenarios_of(kept), workplace),
-        )  # fmt: skip
+        kept = CachedResult(self.request.workplace / self.recipe.type.id / f"{row.map_id}.json", stamp)
+        asked = (self.recipe, row, split, self.request)
+        return self.pool.start(_build_one, *asked, kept=kept, sound=self._files_there)
 
-
-def _files_there(site: MapScenarios, root: Path) -> bool:
-    return all((root / name).is_file() for row in site.rows for name in (row.net, row.additional))
+    def _files_there(self, kept: dict[str, Any]) -> bool:
+        named = (name for row in _scenarios_of(kept).rows for name in (row.net, row.additional))
+        return all((self.request.workplace / name).is_file() for name in named)
 
 
 def _reason_class(reason: str) -> str:

@@ -26,7 +26,7 @@ from tsbench.dataset.scenes.elements import (
     ego_elements,
     obstacle_elements,
     write_additional,
-)  # fmt: skip
+)
 from tsbench.dataset.scenes.lint import lint_scene
 from tsbench.dataset.scenes.placed_plates import PlacedPlates
 from tsbench.dataset.scenes.plate_roads import plate_roads
