@@ -96,12 +96,14 @@ def _way(row: PoolRow, plain: PlainNet, recipe: Recipe) -> tuple[str, str]:
         (a["in_edge"], b["out_edge"])
         for a in arms
         for b in arms
-        if a["in_edge"] in lanes and b["out_edge"] in lanes and not b["in_edge"]
+        if a["in_edge"] in lanes
+        and b["out_edge"] in lanes
+        and not b["in_edge"]
         and recipe.number("least_lanes") <= lanes[a["in_edge"]] == lanes[b["out_edge"]]
         and a["length_m"] >= recipe.number("run_up_least_m") + EGO_LENGTH_M
         and b["length_m"] >= recipe.number("zone_least_m")
         and 180.0 - abs(wrap_deg(b["heading_deg"] - a["heading_deg"])) <= recipe.number("straight_deg")
-    ]  # fmt: skip
+    ]
     require(bool(found), "no one-way exit lies straight ahead of an approach with as many lanes")
     return min(found, key=lambda way: (seed_of("contraflow", row.map_id, *way), way))
 

@@ -34,6 +34,8 @@ from tsbench.dataset.scenes.traffic import Sent, shut_roads
 from tsbench.signs.annotations import SignInstance
 
 _Plate = tuple[str, float | None]
+_Swap = tuple[_Plate, _Plate]
+_Held = tuple[SignInstance, _Plate, _Plate]
 
 
 def with_same_plates(
@@ -65,28 +67,23 @@ def with_same_plates(
 
 
 def _held_posts(
-    task: SceneTask,
-    arrangement: Arrangement,
-    swaps: Sequence[tuple[_Plate, _Plate]],
-    halves: Sequence[PlacedPlates],
-) -> list[tuple[SignInstance, _Plate, _Plate]]:
+    task: SceneTask, arrangement: Arrangement, swaps: Sequence[_Swap], halves: Sequence[PlacedPlates]
+) -> list[_Held]:
     """A post for each swap at which the one plate can stand in the one half and the other in the other, if any."""
-    edges = sorted(beside_ways(task, arrangement))
-    found: list[tuple[SignInstance, _Plate, _Plate]] = []
+    found: list[_Held] = []
     for swap in swaps:
-        post = next(_posts_holding(task, arrangement, edges, swap, found, halves), None)
+        post = next(_posts_holding(task, arrangement, swap, found, halves), None)
         if post is not None:
             found.append((post, *swap))
     return found
 
 
 def _posts_holding(
-    task: SceneTask, arrangement: Arrangement, edges: Sequence[str], swap: tuple[_Plate, _Plate],
-    found: Sequence[tuple[SignInstance, _Plate, _Plate]], halves: Sequence[PlacedPlates],
-) -> Iterator[SignInstance]:  # fmt: skip
+    task: SceneTask, arrangement: Arrangement, swap: _Swap, found: list[_Held], halves: Sequence[PlacedPlates]
+) -> Iterator[SignInstance]:
     """Posts for a swap, those first for which the fewest roads are closed to other traffic."""
     others, closing = [post for post, _, _ in found], {}
-    for edge in shuffled(edges, task):
+    for edge in shuffled(sorted(beside_ways(task, arrangement)), task):
         middle = bare_post(task, arrangement, edge, halves[0].roads.length(edge) / 2, len(found))
         sent = _sent(task, arrangement, [*found, (middle, *swap)], halves[0].roads)
         if sent is not None:
@@ -105,12 +102,7 @@ def _posts_holding(
                     yield post
 
 
-def _sent(
-    task: SceneTask,
-    arrangement: Arrangement,
-    held: Sequence[tuple[SignInstance, _Plate, _Plate]],
-    roads: PlateRoads,
-) -> Sent | None:
+def _sent(task: SceneTask, arrangement: Arrangement, held: Sequence[_Held], roads: PlateRoads) -> Sent | None:
     """Other traffic as the plates on some posts send it in both halves; None where it could not go on.
 
     An approach from which the two halves' plates permit no common way is not used, nor is a road from which only
@@ -154,7 +146,7 @@ def _with_same_limits(
 
 
 def _on_posts(
-    signed: Arrangement, contrast: Arrangement, posts: Sequence[tuple[SignInstance, _Plate, _Plate]]
+    signed: Arrangement, contrast: Arrangement, posts: Sequence[_Held]
 ) -> tuple[Arrangement, Arrangement]:
     """Both halves with more posts: each with its plate in the signed half and the one in the other half."""
     ours = tuple(replace(post, code=code, value=value) for post, (code, value), _ in posts)

@@ -167,8 +167,7 @@ class TypeBuilder:
         quota = {k: v * self.maps[split] // MAPS["train"] for k, v in self.recipe.maps.items()}
         wanted = max(sum(self.recipe.maps.values()) * self.maps[split] // MAPS["train"], 1)
         taken: list[MapScenarios] = []
-        places: list[tuple[float, float]] = []
-        counts: Counter[str] = Counter()
+        maps: list[PoolRow] = []
         reasons: Counter[str] = Counter()
         draws: Counter[str] = Counter()
         tried: set[str] = set()
@@ -176,42 +175,43 @@ class TypeBuilder:
         for strict in (True, False):
             pick = [r for r in ordered if r.map_id not in tried and stratum_of(r) in self.recipe.maps]
             accept = quota if strict else {}
-            for row, site in self._built(pick, split, counts, accept, wanted, taken, places):
+            for row, site in self._built(pick, split, maps, accept, wanted):
                 tried.add(row.map_id)
                 draws.update(map(_reason_class, site.rejected))
                 if site.reason:
                     reasons[_reason_class(site.reason)] += 1
                     continue
                 taken.append(site)
-                places.append((row.east, row.north))
-                counts[stratum_of(row)] += 1
+                maps.append(row)
                 progress(f"{self.recipe.type.id} {split}", len(taken), wanted)
             if len(taken) >= wanted:
                 break
+        counts = Counter(map(stratum_of, maps))
         missed = {k: v - counts[k] for k, v in quota.items() if counts[k] < v}
-        kind, maps, short = self.recipe.type.id, dict(sorted(counts.items())), wanted - len(taken)
+        kind, there, short = self.recipe.type.id, dict(sorted(counts.items())), wanted - len(taken)
         return taken, TypeReport(
-            kind, split, maps, missed, short, dict(reasons.most_common()), dict(draws.most_common())
+            kind, split, there, missed, short, dict(reasons.most_common()), dict(draws.most_common())
         )
 
     def _built(
-        self, pick: list[PoolRow], split: str, counts: Counter[str], quota: dict[str, int], wanted: int,
-        taken: list[MapScenarios], places: list[tuple[float, float]],
-    ) -> Iterator[tuple[PoolRow, MapScenarios]]:  # fmt: skip
-        """Builds candidates a few ahead, and gives them back strictly in order, those only that are still needed."""
+        self, pick: list[PoolRow], split: str, taken: list[PoolRow], quota: dict[str, int], wanted: int
+    ) -> Iterator[tuple[PoolRow, MapScenarios]]:
+        """Builds candidates a few ahead, and gives them back strictly in order, those only that are still needed.
+
+        taken: the maps that are, to which the caller adds what it takes.
+        """
         apart = self.recipe.numbers.get("apart_m", APART_M)
         waiting = list(pick)
         running: list[tuple[PoolRow, Callable[[], dict[str, Any]]]] = []
 
         def needed(row: PoolRow, others: Sequence[PoolRow]) -> bool:
             """Would the row still be taken if `others` were?"""
-            stratum = stratum_of(row)
-            if len(taken) + len(others) >= wanted:
+            stratum, there = stratum_of(row), [*taken, *others]
+            if len(there) >= wanted:
                 return False
-            if quota and counts[stratum] + sum(stratum_of(o) == stratum for o in others) >= quota[stratum]:
+            if quota and sum(stratum_of(o) == stratum for o in there) >= quota[stratum]:
                 return False
-            there = [*places, *((o.east, o.north) for o in others)]
-            return all((row.east - e) ** 2 + (row.north - n) ** 2 >= apart**2 for e, n in there)
+            return all((row.east - o.east) ** 2 + (row.north - o.north) ** 2 >= apart**2 for o in there)
 
         while True:
             # How far ahead is the same for any number of workers: which maps are taken depends on it.

@@ -195,7 +195,7 @@ class SiteBuilder:
         def written(half: str, a: Arrangement, others: OtherTraffic) -> ScenarioSpec:
             writer = files(half, a)
             writer.write(others)
-            return self._row(row, roads[half], variant, split, seed, a, writer)
+            return self._row(row, variant, split, writer)
 
         there = task(SIGNED)
         halves = {SIGNED: self.placement.place(there)}
@@ -240,20 +240,18 @@ class SiteBuilder:
                 refused = refused or str(error)
         raise UnluckyDrawError(refused)
 
-    def _row(
-        self, row: PoolRow, roads: Roads, variant: Variant, split: str, seed: int, a: Arrangement,
-        files: SceneFileWriter,
-    ) -> ScenarioSpec:  # fmt: skip
+    def _row(self, row: PoolRow, variant: Variant, split: str, files: SceneFileWriter) -> ScenarioSpec:
+        a, net = files.a, files.roads.file
         target = next(s for s in a.signs if s.id == a.target)
         kind = self._type_of[target.code]
         return ScenarioSpec(
             scenario_id=f"{self.recipe.type.id}-{row.map_id}-v{variant.number}", scenario_type=kind.id,
             group=kind.group, sign_code=target.code, sign_value=target.value, map_id=row.map_id, family=row.family,
-            shape=row.shape, slot=row.slot, variant=variant.number, split=split, seed=seed,
+            shape=row.shape, slot=row.slot, variant=variant.number, split=split, seed=files.seed,
             initial_speed=a.start.speed, route_length=a.route_length, density=variant.density,
             drivers=variant.drivers, layout=variant.layout, horizon=self.recipe.horizon,
-            net=roads.file.path.relative_to(self.root).as_posix(),
-            additional=files.path.relative_to(self.root).as_posix(), net_sha256=sha256(roads.file.content),
+            net=net.path.relative_to(self.root).as_posix(),
+            additional=files.path.relative_to(self.root).as_posix(), net_sha256=sha256(net.content),
             additional_sha256=files.sha256,
         )  # fmt: skip
 
