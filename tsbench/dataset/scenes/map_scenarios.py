@@ -23,7 +23,7 @@ from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.scenes.scene_files import OtherTraffic, SceneFileWriter
 from tsbench.dataset.scenes.traffic import lane_km
 from tsbench.dataset.scenes.variants import Variant, variants_of
-from tsbench.dataset.seeds import rng_of, seed_of
+from tsbench.dataset.seeds import rng_of
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.localization import LaneLocator
 from tsbench.roads.network import read_network
@@ -179,7 +179,6 @@ class SiteBuilder:
         recipe, kind = self.recipe, self.recipe.type
         pair = f"{kind.id}-{row.map_id}-v{variant.number}"
         draw = f"{pair}~{attempt}"
-        seed = seed_of("scenario", draw)
         drivers = draw_drivers(rng_of("drivers", kind.id, row.map_id, max(variant.drivers, 0)))
 
         def task(half: str) -> SceneTask:
@@ -189,8 +188,8 @@ class SiteBuilder:
 
         def files(half: str, a: Arrangement) -> SceneFileWriter:
             path = folder / f"v{variant.number}{_ENDS[half]}.add.xml.gz"
-            cars = a.drivers or drivers
-            return SceneFileWriter(self.sim, roads[half], path, a, cars, seed, draw, recipe.catalog)
+            a = replace(a, drivers=a.drivers or drivers)
+            return SceneFileWriter(self.sim, roads[half], path, a, draw, recipe.catalog)
 
         def written(half: str, a: Arrangement, others: OtherTraffic) -> ScenarioSpec:
             writer = files(half, a)

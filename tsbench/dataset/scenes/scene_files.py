@@ -17,7 +17,6 @@ from tsbench.dataset.placements.placement import (
     UnluckyDrawError,
 )
 from tsbench.dataset.scenes.demand_calibration import DemandCalibration
-from tsbench.dataset.scenes.drivers import Driver
 from tsbench.dataset.scenes.dry_run import lead_time, load_files
 from tsbench.dataset.scenes.elements import (
     background,
@@ -40,7 +39,7 @@ from tsbench.dataset.scenes.traffic import (
     shut_roads,
     standing_cars,
 )
-from tsbench.dataset.seeds import rng_of
+from tsbench.dataset.seeds import rng_of, seed_of
 from tsbench.roads.lane_graph import Turn
 from tsbench.scenarios.certificates import DENSITY_TOLERANCE
 from tsbench.scenarios.scene_loader import Roads
@@ -67,14 +66,13 @@ class OtherTraffic:
 
 
 class SceneFileWriter:
-    """One half of a variant. drivers: of the background cars. name: of the draw, for what it draws."""
+    """One half of a variant, with its background drivers. name: of the draw, for what it draws."""
 
     def __init__(
-        self, sim: Simulation, roads: Roads, path: Path, arrangement: Arrangement, drivers: tuple[Driver, ...],
-        seed: int, name: str, catalog: Catalog,
-    ) -> None:  # fmt: skip
-        self.sim, self.roads, self.path, self.a = sim, roads, path, arrangement
-        self.drivers, self.seed, self.name, self.catalog = drivers, seed, name, catalog
+        self, sim: Simulation, roads: Roads, path: Path, a: Arrangement, name: str, catalog: Catalog
+    ) -> None:
+        self.sim, self.roads, self.path, self.a = sim, roads, path, a
+        self.seed, self.name, self.catalog = seed_of("scenario", name), name, catalog
         self.trial = path.with_name(f"{path.name.partition('.')[0]}.trial.xml")
         self.sha256 = ""
 
@@ -119,7 +117,7 @@ class SceneFileWriter:
         return layout_elements(layout, network) + list(a.extra) + obstacle_elements(a.obstacles, network)
 
     def _types(self) -> list[etree._Element]:
-        return driver_types(self.drivers)
+        return driver_types(self.a.drivers)
 
     def _convoy_elements(self, c: ConvoySetup) -> list[etree._Element]:
         lanes = [self.roads.network.lane(name) for name in c.lanes or (c.lane,) * len(c.places)]
@@ -149,7 +147,7 @@ class SceneFileWriter:
             return [], 0.0
         length = lane_km(network, a.closed_edges)
         ask = TrafficRequest(
-            asked, self.drivers, a.start, a.avoid_turns, a.quiet_edges, a.blocked, platoons=a.platoons,
+            asked, self.a.drivers, a.start, a.avoid_turns, a.quiet_edges, a.blocked, platoons=a.platoons,
             closed_edges=a.closed_edges, quiet_s=a.quiet_s,
         )  # fmt: skip
         goal = target = asked * length
