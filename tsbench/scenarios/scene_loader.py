@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import mirrored_in_use
 from tsbench.core.xmlfile import sha256
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.localization import LaneLocator
@@ -46,7 +45,7 @@ class SceneLoader:
 
     def __init__(self, files: SceneFiles | None = None) -> None:
         self.files = SceneStore() if files is None else files
-        self.catalog, self._mirrored = load_catalog(), mirrored_in_use()
+        self.catalog = load_catalog()
         self._roads: OrderedDict[str, Roads] = OrderedDict()
 
     def load(self, spec: ScenarioSpec) -> tuple[Scene, Roads]:
@@ -61,7 +60,7 @@ class SceneLoader:
     def layout(self, spec: ScenarioSpec) -> tuple[SceneFile, SceneLayout]:
         """A row's additional file and what it says. Raises InputError for a missing, changed or malformed file."""
         file = self._read(spec, spec.additional, spec.additional_sha256)
-        file = mirrored_additional(file, self.catalog.signs) if self._mirrored else file
+        file = mirrored_additional(file, self.catalog.signs) if self.catalog.image else file
         return file, read_layout(file.path, self.catalog, file.content)
 
     def _load_roads(self, spec: ScenarioSpec) -> Roads:
@@ -69,7 +68,7 @@ class SceneLoader:
         roads = self._roads.get(key)
         if roads is None:
             file = self._read(spec, spec.net, spec.net_sha256)
-            file = mirrored_network(file) if self._mirrored else file
+            file = mirrored_network(file) if self.catalog.image else file
             network = read_network(file.path, file.content)
             roads = Roads(network, LaneGraph(network), LaneLocator(network), file)
             self._roads[key] = roads
