@@ -17,6 +17,7 @@ from tsbench.roads.network import Edge, Lane, RoadNetwork
 from tsbench.rules.monitor import Verdict, Violation
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.annotations import ALL_LANES, SignInstance
+from tsbench.signs.catalog import load_catalog
 from tsbench.sim.navigation import Navigator, RouteView
 from tsbench.sim.scene import EgoStart, Obstacle, Scene, SceneFile
 from tsbench.sim.world import DT_S, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
@@ -54,7 +55,7 @@ def scene(obstacles: tuple[Obstacle, ...] = (), destination_m: float = 400.0) ->
         net=SceneFile(Path("net.xml"), b""), additional=SceneFile(Path("scene.xml"), b""), network=road(),
         signs=(sign(),), target="plate", obstacles=obstacles, start=EgoStart("east_0", 10.0, 5.0),
         destination=Destination("east", destination_m), convoy=None, horizon=600, seed=7,
-        route_hint=("east",),
+        route_hint=("east",), catalog=load_catalog(),
     )  # fmt: skip
 
 

@@ -39,6 +39,7 @@ from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.rules.monitor import Verdict
 from tsbench.rules.monitors import make_monitors
 from tsbench.signs.annotations import ALL_LANES, SignInstance, plate_params
+from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import CLAUSES, ContrastClause
 from tsbench.signs.plate_params import read_params
 from tsbench.sim.scene import EgoStart, Obstacle, Scene, SceneFile
@@ -122,12 +123,13 @@ def _sign(spec: Spec, number: int, net: RoadNetwork, binds: bool) -> SignInstanc
     x, y = lane.line.point_at(spec["position_m"], -3.0)
     role = spec.get("role", "context" if number else "target")
     params = {k: str(v) for k, v in spec.get("params", {}).items()}
+    rule = load_catalog().sign(spec["code"]).rule.name
     return SignInstance(
         id=spec.get("id", f"sign{number}"), code=spec["code"], value=spec.get("value"), edge=spec["edge"],
         lane=spec.get("lane", ALL_LANES), position_m=float(spec["position_m"]), x=x, y=y,
         heading=lane.line.heading_at(spec["position_m"]),
         role=role, ends=spec.get("ends"),
-        params=plate_params(spec["code"], params, binds=role == "target" and binds),
+        params=plate_params(rule, params, binds=role == "target" and binds),
     )  # fmt: skip
 
 
@@ -153,7 +155,7 @@ def scene_of(case: Spec, view: Transform) -> Scene:
         network=view.network(net), signs=tuple(view.sign(s) for s in signs), target=signs[0].id,
         obstacles=tuple(view.obstacle(_obstacle(o, net)) for o in case.get("obstacles", [])),
         start=EgoStart(net.lanes[0].id, 0.0, 0.0), destination=Destination(net.lanes[0].edge, 0.0),
-        convoy=None, horizon=600, seed=0, contrast=clauses,
+        convoy=None, horizon=600, seed=0, contrast=clauses, catalog=load_catalog(),
     )  # fmt: skip
 
 

@@ -44,9 +44,8 @@ def target_plate(
     code: str, edge: str, value: float | None = None, at: float = 0.0, **params: str
 ) -> SignInstance:
     """The plate that an expert is told, on all lanes of an edge, at an arc length in m."""
-    return SignInstance(
-        "sign_0", code, value, edge, -1, at, 0.0, 0.0, 0.0, "target", None, plate_params(code, params)
-    )
+    told = plate_params(load_catalog().sign(code).rule.name, params)
+    return SignInstance("sign_0", code, value, edge, -1, at, 0.0, 0.0, 0.0, "target", None, told)
 
 
 DATA = Path(__file__).parents[1] / "planners" / "data"
@@ -240,7 +239,7 @@ def verdict(world: World) -> Verdict:
         net=SceneFile(Path("test.net.xml"), b""), additional=SceneFile(Path("test.add.xml"), b""),
         network=world.network, signs=(sign,), target=sign.id, obstacles=world.obstacles,
         start=EgoStart(world.start_lane, world.start_s, world.start_speed), destination=world.destination,
-        horizon=600, seed=1,
+        horizon=600, seed=1, catalog=load_catalog(),
     )  # fmt: skip
     monitor = make_monitor(sign, scene)
     for snapshot in world.snapshots:

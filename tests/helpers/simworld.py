@@ -37,6 +37,7 @@ from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder, store_path, write_store
 from tsbench.signs.annotations import SignInstance, plate_params
+from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import Motion
 from tsbench.sim.scene import ConvoyPlan, EgoStart, Obstacle, SceneLayout
 from tsbench.sim.scene_file import layout_elements
@@ -113,20 +114,9 @@ def plate(
     """A plate 1.2 m right of an edge; its rule's params as keywords."""
     lane = network.edge_lanes(edge_id)[0]
     x, y = lane.line.point_at(s, -(lane.width / 2 + 1.2))
-    return SignInstance(
-        "sign_0",
-        code,
-        value,
-        edge_id,
-        -1,
-        s,
-        x,
-        y,
-        lane.line.heading_at(s),
-        "target",
-        None,
-        plate_params(code, params) if params else None,
-    )
+    told = plate_params(load_catalog().sign(code).rule.name, params) if params else None
+    heading = lane.line.heading_at(s)
+    return SignInstance("sign_0", code, value, edge_id, -1, s, x, y, heading, "target", None, told)
 
 
 def speed_plate(network: RoadNetwork, edge_id: str, s: float, value: float = 40.0) -> SignInstance:

@@ -14,14 +14,13 @@ from tsbench.core.paths import data_root
 from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.plan import Request, RunPlan, choose_variants, make_plan
 from tsbench.scenarios.table import write_table
-from tsbench.signs.catalog import load_catalog
 
 
 @pytest.fixture
 def plan_of(data: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("TSBENCH_DATA", str(data))
     data_root.cache_clear()
-    yield lambda **options: make_plan(Request(("idm",), "test", **options), load_catalog())
+    yield lambda **options: make_plan(Request(("idm",), "test", **options))
     data_root.cache_clear()
 
 

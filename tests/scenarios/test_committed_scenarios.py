@@ -130,13 +130,13 @@ def test_every_row_of_a_paired_type_has_its_other_half(
 @pytest.mark.slow
 def test_both_halves_have_the_same_plates(rows: list[ScenarioSpec]) -> None:
     """But where a map has no room for another post (docs/without_reading.md)."""
-    store = SceneStore()
+    loader = SceneLoader()
     for split, wanted in ROOM_WANTING.items():
         found = defaultdict[str, list[list[tuple[str, float]]]](list)
         ours = [r for r in rows if r.split == split and (split != "train" or r.variant == 0)]
         for r in ours:
             if r.pair_id:
-                found[r.pair_id].append(sorted((code, value or 0.0) for code, value in plates_of(r, store)))
+                found[r.pair_id].append(sorted((code, value or 0.0) for code, value in plates_of(r, loader)))
         differ = Counter(pair.partition("-")[0] for pair, (one, other) in found.items() if one != other)
         assert len(found) == sum(r.half == CONTRAST for r in ours)
         assert differ == wanted

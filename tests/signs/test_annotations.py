@@ -22,6 +22,7 @@ from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import GiveWayParams, ZoneParams
 from tsbench.signs.rule_kinds import RULE_KINDS
 
+CATALOG = load_catalog()
 NAMES = st.text(string.ascii_letters + string.digits + "_-.#:", min_size=1, max_size=12)
 FLOATS = st.floats(-1e7, 1e7)
 FIELDS = {
@@ -38,7 +39,7 @@ FIELDS = {
 
 
 def _params(code: str) -> st.SearchStrategy[object]:
-    kind = RULE_KINDS[load_catalog().sign(code).rule.name].params
+    kind = RULE_KINDS[CATALOG.sign(code).rule.name].params
     several = st.lists(NAMES, min_size=1, max_size=3).map(tuple)
     types = {} if kind is None else {f.name: NAMES if f.type == "str" else several for f in fields(kind)}
     return st.none() if kind is None else st.builds(kind, **types)
@@ -46,7 +47,7 @@ def _params(code: str) -> st.SearchStrategy[object]:
 
 @st.composite
 def _signs(draw: st.DrawFn) -> SignInstance:
-    code, role = draw(st.sampled_from(list(load_catalog().signs))), draw(st.sampled_from(ROLES))
+    code, role = draw(st.sampled_from(list(CATALOG.signs))), draw(st.sampled_from(ROLES))
     params = draw(_params(code)) if role == "target" or draw(st.booleans()) else None
     return SignInstance(code=code, role=role, params=params, **{k: draw(s) for k, s in FIELDS.items()})
 
@@ -80,18 +81,18 @@ def additional(*signs: SignInstance) -> etree._Element:
 @given(st.lists(SIGNS, max_size=4, unique_by=lambda sign: sign.id))
 def test_round_trip_through_text_is_exact(signs: list[SignInstance]) -> None:
     text = etree.tostring(additional(*signs), encoding="utf-8")
-    assert signs_from_additional(etree.fromstring(text)) == tuple(signs)
+    assert signs_from_additional(etree.fromstring(text), CATALOG, "scene") == tuple(signs)
 
 
 def test_an_end_plate_names_the_plate_it_ends() -> None:
     end = plate(id="end", code="3.25", role="end", ends="target", params=None)
-    assert signs_from_additional(additional(plate(), end))[1].ends == "target"
+    assert signs_from_additional(additional(plate(), end), CATALOG, "scene")[1].ends == "target"
 
 
 def test_points_of_interest_of_other_types_are_skipped() -> None:
     root = additional(plate())
     etree.SubElement(root, "poi", {"id": "cafe", "type": "amenity", "x": "0", "y": "0"})
-    assert [sign.id for sign in signs_from_additional(root)] == ["target"]
+    assert [sign.id for sign in signs_from_additional(root, CATALOG, "scene")] == ["target"]
 
 
 @pytest.mark.parametrize(
@@ -149,7 +150,7 @@ NAMED = ("id", "code", "edge")
 )
 def test_a_damaged_plate_gives_one_line_with_file_and_place(key: str, text: str | None) -> None:
     with pytest.raises(InputError, match=r"^scene\.add\.xml: sign .*") as caught:
-        signs_from_additional(broken(key, text), "scene.add.xml")
+        signs_from_additional(broken(key, text), CATALOG, "scene.add.xml")
     assert "\n" not in str(caught.value)
 
 
@@ -177,7 +178,7 @@ def with_param(**attributes: str) -> etree._Element:
 )
 def test_a_scene_that_contradicts_itself_is_refused(scene: etree._Element, said: str) -> None:
     with pytest.raises(InputError, match=said):
-        signs_from_additional(scene, "scene")
+        signs_from_additional(scene, CATALOG, "scene")
 
 
 @pytest.mark.parametrize(
@@ -193,12 +194,12 @@ def test_params_that_a_rule_cannot_use_are_named(params: dict[str, str], said: s
     for key, value in params.items():
         etree.SubElement(root[0], "param", {"key": key, "value": value})
     with pytest.raises(InputError) as refusal:
-        signs_from_additional(root, "scene.add.xml")
+        signs_from_additional(root, CATALOG, "scene.add.xml")
     assert str(refusal.value) == f"scene.add.xml: sign 'target': {said}"
 
 
 def test_a_context_plate_without_params_binds_nobody() -> None:
-    [sign] = signs_from_additional(additional(plate(role="context", params=None)))
+    [sign] = signs_from_additional(additional(plate(role="context", params=None)), CATALOG, "scene")
     assert sign.params is None
     with pytest.raises(InputError, match=r"sign 'target' \(3\.24\): carries no ZoneParams: None"):
         sign.params_as(ZoneParams)

@@ -12,6 +12,7 @@ from lxml import etree
 
 from tsbench.core.errors import InputError
 from tsbench.signs.annotations import ALL_LANES, SignInstance, sign_to_poi, signs_from_additional
+from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import (
     CLAUSES,
     ContrastClause,
@@ -111,9 +112,9 @@ def test_the_target_of_a_contrast_scene_may_bind_nobody() -> None:
     root = additional()
     root.append(sign_to_poi(SignInstance("s", "3.24", 40.0, "a", ALL_LANES, 1.0, 2.0, 3.0, 0.0, "target")))
     with pytest.raises(InputError, match="param 'zone_edges' is missing"):
-        signs_from_additional(root)
+        signs_from_additional(root, load_catalog(), "scene")
     root.append(
         contrast_to_poi(ContrastClause("needless_slow", SlowZoneParams(("a",), 0.0, 60.0, 40.0)), 0, 0)
     )
-    [sign] = signs_from_additional(root)
+    [sign] = signs_from_additional(root, load_catalog(), "scene")
     assert sign.params is None

@@ -17,14 +17,16 @@ from tsbench.core.errors import InputError
 from tsbench.dataset.scenes.elements import write_additional
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork
+from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, PassageParams, SlowZoneParams
-from tsbench.sim.scene import ConvoyPlan, EgoStart, SceneFile, SceneLayout, WalkersPlan
-from tsbench.sim.scene_file import layout_elements, read_layout, scene_from_layout
+from tsbench.sim.scene import ConvoyPlan, EgoStart, Scene, SceneFile, SceneLayout, WalkersPlan
+from tsbench.sim.scene_file import layout_elements, read_layout
 
 CONTRAST = (
     ContrastClause("needless_stop", PassageParams("ta", "ab", main_in=("da",))),
     ContrastClause("needless_slow", SlowZoneParams(("ta", "ab"), 3.7, 63.7, 40.0)),
 )
+CATALOG = load_catalog()
 NUMBER = st.floats(0.001, 1e4, allow_nan=False)
 
 
@@ -37,6 +39,11 @@ def layout(block: RoadNetwork) -> SceneLayout:
         route_hint=("ta", "ab", "bu"), compliant_hint=("ta", "ad", "dc", "cb", "bu"),
         walkers=WalkersPlan("ta_0", 1.0, 3.1, 13.9, 13.9, ("walker_0", "walker_1"), (1.1, 1.3), 1.5),
     )  # fmt: skip
+
+
+def scene_on(block: RoadNetwork, layout: SceneLayout, file: SceneFile) -> Scene:
+    facts = {"catalog": CATALOG, "net": file, "additional": file, "network": block}
+    return Scene(**vars(layout), **facts, horizon=600, seed=11)
 
 
 @pytest.fixture
@@ -63,7 +70,7 @@ def test_what_is_written_comes_back_exactly(
         compliant_hint=whole.compliant_hint if way else (),
     )
     write_additional(layout_elements(whole, block), file)
-    assert read_layout(file) == whole
+    assert read_layout(file, CATALOG) == whole
 
 
 def test_the_same_layout_gives_the_same_bytes(block: RoadNetwork, tmp_path: Path) -> None:
@@ -78,18 +85,17 @@ def test_the_same_layout_gives_the_same_bytes(block: RoadNetwork, tmp_path: Path
 def test_a_plain_file_is_read_as_well(block: RoadNetwork, tmp_path: Path) -> None:
     packed, bare = tmp_path / "a.add.xml.gz", tmp_path / "a.add.xml"
     bare.write_bytes(write_additional(layout_elements(layout(block), block), packed))
-    assert read_layout(bare) == read_layout(packed)
+    assert read_layout(bare, CATALOG) == read_layout(packed, CATALOG)
 
 
 def test_a_scene_is_its_layout_on_its_network(block: RoadNetwork, tmp_path: Path) -> None:
     whole = layout(block)
-    files = SceneFile(tmp_path / "n", b"<net/>"), SceneFile(tmp_path / "a", b"<additional/>")
-    scene = scene_from_layout(whole, block, *files, 600, 11)
-    assert (scene.net, scene.additional) == files
+    file = SceneFile(tmp_path / "a", b"<additional/>")
+    scene = scene_on(block, whole, file)
+    assert scene.additional == file
     assert (scene.start, scene.destination, scene.convoy) == (whole.start, whole.destination, whole.convoy)
     assert scene.walkers == whole.walkers
     assert scene.target_sign is scene.signs[0]
-    assert (scene.horizon, scene.seed) == (600, 11)
     assert scene.compliant_hint[1] == "ad"
 
 
@@ -100,7 +106,7 @@ def broken(block: RoadNetwork, path: Path, change) -> str:
     write_additional(elements, path)
     file = SceneFile(path, b"")
     with pytest.raises(InputError) as told:
-        scene_from_layout(read_layout(path), block, file, file, 600, 1)
+        scene_on(block, read_layout(path, CATALOG), file)
     return one_line(told.value, path)
 
 
@@ -174,7 +180,7 @@ def test_a_param_without_a_key(block: RoadNetwork, file: Path) -> None:
 def test_what_is_no_scene_file(file: Path, content: bytes, words: str) -> None:
     file.write_bytes(content)
     with pytest.raises(InputError) as told:
-        read_layout(file)
+        read_layout(file, CATALOG)
     assert words in one_line(told.value, file)
 
 
@@ -185,14 +191,14 @@ def test_a_truncated_file(block: RoadNetwork, file: Path, share: float) -> None:
     whole = file.read_bytes()
     file.write_bytes(whole[: max(3, int(len(whole) * share))])
     with pytest.raises(InputError) as told:
-        read_layout(file)
+        read_layout(file, CATALOG)
     assert "cannot be read as a scene file" in one_line(told.value, file)
 
 
 def test_no_file_and_a_folder(tmp_path: Path) -> None:
     for path, words in ((tmp_path / "none.xml", "no such scene file"), (tmp_path, "cannot be read")):
         with pytest.raises(InputError) as told:
-            read_layout(path)
+            read_layout(path, CATALOG)
         assert words in one_line(told.value, path)
 
 
@@ -201,5 +207,5 @@ def test_no_entity_reaches_another_file(file: Path, tmp_path: Path) -> None:
     text = f'<!DOCTYPE a [<!ENTITY e SYSTEM "{tmp_path}/secret">]><additional><poi id="start">&e;</poi></additional>'
     file.write_text(text)
     with pytest.raises(InputError) as told:
-        read_layout(file)
+        read_layout(file, CATALOG)
     assert "hidden words" not in str(told.value)

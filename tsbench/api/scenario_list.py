@@ -17,7 +17,6 @@ from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneStore
 from tsbench.scenarios.table import SPLITS, read_table, table_path
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.scene import Scene
 
 
@@ -64,7 +63,7 @@ def load_scenarios(
     """
     if split not in SPLITS:
         raise InputError(f"split {split!r}: expected {', '.join(SPLITS)}")
-    wanted = choose_types(type_words("types", types), load_catalog())
+    wanted = choose_types(type_words("types", types))
     with driving(None if city is None else text("city", city)):
         loader = SceneLoader(SceneStore(dataset_file("scenarios")))
         return tuple(

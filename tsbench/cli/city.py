@@ -17,11 +17,10 @@ from tsbench.dataset.maps import overpass
 from tsbench.dataset.maps.extracts import find_extract
 from tsbench.dataset.maps.names import ending_of
 from tsbench.dataset.maps.paths import sources_dir
-from tsbench.dataset.scenes.recipe import load_recipe, recipe_types
+from tsbench.dataset.scenes.recipe import load_recipes
 from tsbench.run.edition import edition_now
 from tsbench.scenarios.map_pool import pool_file, read_pool
 from tsbench.scenarios.table import read_table, splits_there, table_path
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.countries import Country, country_code, country_in_use
 
 if TYPE_CHECKING:
@@ -232,8 +231,7 @@ def _show_types(city: City, pool: list[PoolRow], types: tuple[str, ...] = ()) ->
     from tsbench.dataset.scenes.carried import carried
     from tsbench.dataset.scenes.overview import build_report, report_file
 
-    catalog = load_catalog()
-    recipes = [load_recipe(type_id, catalog) for type_id in types or recipe_types()]
+    recipes = load_recipes(types)
     found = carried(city, pool, recipes, build_report() if report_file().is_file() else [])
     rows = [(c.type_id, c.split, f"{c.there:,}", f"{c.maps} of {c.wanted}", c.why) for c in found]
     print_table(

@@ -15,7 +15,6 @@ from tsbench.episode.perception_level import EXACT
 from tsbench.planners.common.batching import DEVICES
 from tsbench.run.plan import choose_types
 from tsbench.scenarios.table import SPLITS, read_table, splits_there, table_path
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.countries import Country, load_country
 
 if TYPE_CHECKING:
@@ -229,7 +228,7 @@ box_or_file = several(_bbox(False), _date, _server)
 
 def types_of(words: tuple[str, ...]) -> tuple[str, ...]:
     """The types that some types and groups are, sorted; none where none is named. Raises InputError."""
-    return tuple(sorted(choose_types(words, load_catalog()))) if words else ()
+    return tuple(sorted(choose_types(words))) if words else ()
 
 
 def rows_of(split: str | None, words: tuple[str, ...] = ()) -> list[ScenarioSpec]:

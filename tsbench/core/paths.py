@@ -67,13 +67,8 @@ def city_in_use() -> str:
 
 
 def mirrored_in_use() -> bool:
-    """Is the data set in use another one's mirror image?"""
+    """Is the data set in use another one's mirror image, with traffic on the left?"""
     return city_in_use().startswith(MIRRORED)
-
-
-def left_hand_in_use() -> bool:
-    """Does traffic keep to the left in the data set in use?"""
-    return mirrored_in_use()
 
 
 def source_city() -> str:

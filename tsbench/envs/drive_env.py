@@ -36,7 +36,6 @@ from tsbench.run.stepped_episode import Judged, Step, process_episode
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
 from tsbench.scenarios.table import SPLITS, read_table, table_path
-from tsbench.signs.catalog import load_catalog
 
 # Times that a row of a type in `more` is in the draw.
 _MORE = 3
@@ -95,8 +94,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             reward = _reward_of(reward)
         if not (reward is None or isinstance(reward, RewardSpec) or callable(reward)):
             raise InputError(f"reward {reward!r}: expected a RewardSpec, or a function of a step's terms")
-        catalog = load_catalog()
-        chosen = choose_types(type_words("types", types), catalog)
+        chosen = choose_types(type_words("types", types))
         with driving(None if city is None else text("city", city)) as self._city:
             rows = [row for row in read_table(table_path(split)) if row.pair_type in chosen]
             self._rows = choose_half(choose_variants(rows, variants), half)
@@ -105,7 +103,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             check_files(self._rows)
         self._by_id = {row.scenario_id: row for row in self._rows}
         if often := type_words("more", more or None):
-            kinds = choose_types(often, catalog)
+            kinds = choose_types(often)
             self._rows += (_MORE - 1) * [row for row in self._rows if row.pair_type in kinds]
         self._kind, self._to_exits = observation, action == EXIT
         self._make_encoders()
@@ -225,7 +223,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             return [self._by_id[named]]
         rows = choose_half(self._rows, options.get("half", BOTH))
         if "type" in options:
-            kinds = choose_types(type_words("option type", options["type"]), load_catalog())
+            kinds = choose_types(type_words("option type", options["type"]))
             rows = [row for row in rows if row.pair_type in kinds]
         if not rows:
             raise InputError(f"options {dict(options)}: this environment has no such scenario")

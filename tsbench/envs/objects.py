@@ -66,6 +66,11 @@ _FAR_M = 1000.0
 _REACH = 1.0e4
 
 
+def sign_codes() -> list[str]:
+    """The catalogue's signs, as columns and numbers of plates count them."""
+    return sorted(load_catalog().signs)
+
+
 class ObjectsSeen:
     """A dictionary of tables. `code` counts the catalogue's signs from 1 in the order of their codes; 0 = not told.
 
@@ -73,7 +78,7 @@ class ObjectsSeen:
     """
 
     def __init__(self) -> None:
-        self._codes = {code: k + 1 for k, code in enumerate(sorted(load_catalog().signs))}
+        self._codes = {code: k + 1 for k, code in enumerate(sign_codes())}
         self._outlines = {outline: k + 1 for k, outline in enumerate(OUTLINES)}
         self._addressed = AddressedLanes()
         columns = {"route": ROUTE, "actors": ACTORS, "obstacles": OBSTACLES, "signs": SIGNS}

@@ -16,10 +16,9 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from tsbench.core.errors import InputError
-from tsbench.envs.objects import ADDRESSED, MAIN_ROAD, AddressedLanes, main_road
+from tsbench.envs.objects import ADDRESSED, MAIN_ROAD, AddressedLanes, main_road, sign_codes
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.roads.lane_graph import MapGraph, shortest_ways
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.model import OUTLINES
 from tsbench.sim.ego import MAX_STEER_RAD
 from tsbench.sim.world import ActorKind
@@ -48,7 +47,7 @@ class SceneSeen:
 
     def __init__(self, lanes: bool = True) -> None:
         self._with_lanes = lanes
-        self.codes = (*sorted(load_catalog().signs), "")
+        self.codes = (*sign_codes(), "")
         self._column = {code: k for k, code in enumerate(self.codes)}
         self._kind = {int(kind): k for k, kind in enumerate(ActorKind)}
         self._addressed = AddressedLanes()

@@ -21,7 +21,7 @@ from tsbench.leaderboard.submission import Figure, Submission
 from tsbench.metrics.scd_records import PAIRED, PARTS, SIGNED_ONES
 from tsbench.report.page.page_format import render_page
 from tsbench.report.page.report_page import PLAYER_SCRIPTS
-from tsbench.signs.catalog import load_catalog
+from tsbench.run.plan import choose_types
 from tsbench.signs.model import GROUPS
 
 _INDEX = "index.html"
@@ -188,7 +188,7 @@ def _labels(rows: Sequence[BoardRow]) -> list[str]:
 
 def _types(row: BoardRow) -> list[tuple[str, list[Figure | None]]]:
     """Each type that has figures, with them: paired, signed, contrast."""
-    found = [(kind.id, [row.figure(name, kind.id) for name in PARTS]) for kind in load_catalog().types]
+    found = [(kind, [row.figure(name, kind) for name in PARTS]) for kind in choose_types(())]
     return [(name, figures) for name, figures in found if any(f is not None for f in figures)]
 
 

@@ -8,24 +8,22 @@ from pathlib import Path
 
 from tsbench.core.files import write_atomic
 from tsbench.planners.floor.codes import Plate
+from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
-from tsbench.scenarios.store import SceneStore
-from tsbench.sim.scene_file import read_layout
 
 
-def plates_of(row: ScenarioSpec, store: SceneStore) -> tuple[Plate, ...]:
+def plates_of(row: ScenarioSpec, loader: SceneLoader) -> tuple[Plate, ...]:
     """Code and value of every plate of a row's scene, one entry a plate."""
-    file = store.read(row, row.additional)
-    return tuple((sign.code, sign.value) for sign in read_layout(file.path, file.content).signs)
+    return tuple((sign.code, sign.value) for sign in loader.layout(row)[1].signs)
 
 
 def count(rows: Iterable[ScenarioSpec]) -> dict[Plate, tuple[int, int]]:
     """Signed and contrast halves in which a plate stands, of rows that have a pair."""
-    store = SceneStore()
+    loader = SceneLoader()
     there: dict[str, Counter[Plate]] = {SIGNED: Counter(), CONTRAST: Counter()}
     for row in rows:
         if row.pair_id:
-            there[row.half].update(set(plates_of(row, store)))
+            there[row.half].update(set(plates_of(row, loader)))
     every = sorted({*there[SIGNED], *there[CONTRAST]}, key=lambda plate: (plate[0], plate[1] or 0.0))
     return {plate: (there[SIGNED][plate], there[CONTRAST][plate]) for plate in every}
 

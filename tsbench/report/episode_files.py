@@ -19,7 +19,6 @@ from tsbench.episode.trace import Trace, find_trace, read_trace, trace_path
 from tsbench.run.log.read import read_run
 from tsbench.run.plan import choose_types
 from tsbench.scenarios.scene_loader import load_scene
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S
 
@@ -56,7 +55,7 @@ def select_traces(run: Path, selection: Selection) -> Chosen:
     stored = read_run(run)
     _check_names("--planner", selection.planners, stored.asked)
     _check_names("--outcome", selection.outcomes, map(str, Outcome))
-    types = set(choose_types(selection.types, load_catalog()))
+    types = set(choose_types(selection.types))
     rows = stored.episodes.select(_COLUMNS).to_pylist()
     chosen = [
         (row["planner"], row["scenario_id"])

@@ -13,7 +13,7 @@ from tsbench.scenarios.map_pool import known_map_ids, pool_file
 from tsbench.scenarios.spec import HALVES, ScenarioSpec
 from tsbench.scenarios.store import check_files
 from tsbench.scenarios.table import read_table, table_path
-from tsbench.signs.catalog import Catalog
+from tsbench.signs.catalog import Catalog, load_catalog
 
 VARIANTS = ("0", "all", "one-per-map")
 BOTH = "both"
@@ -47,20 +47,21 @@ class RunPlan:
     """
 
     request: Request
+    catalog: Catalog
     table: tuple[ScenarioSpec, ...]
     scenarios: tuple[ScenarioSpec, ...]
     types: tuple[str, ...]
 
 
-def make_plan(request: Request, catalog: Catalog) -> RunPlan:
+def make_plan(request: Request) -> RunPlan:
     """The selection. Raises InputError (one line) for whatever is asked for and not there."""
     if not request.planners:
         raise InputError("--planner: name at least one (tsbench planners list shows them)")
     twice = [p for i, p in enumerate(request.planners) if p in request.planners[:i]]
     if twice:
         raise InputError(f"--planner {twice[0]}: given twice")
-    types = choose_types(request.types, catalog)
-    path = table_path(request.split)
+    types = choose_types(request.types)
+    path, catalog = table_path(request.split), load_catalog()
     table = tuple(sorted(read_table(path), key=lambda row: row.scenario_id))
     _check_rows(path, table, catalog)
     chosen = [row for row in table if row.pair_type in types]
@@ -76,20 +77,21 @@ def make_plan(request: Request, catalog: Catalog) -> RunPlan:
         first = _draw if request.variants == "one-per-map" else _nominal
         chosen = spread(sorted(chosen, key=first), types, request.limit)
     check_files(chosen, path.parent)
-    return RunPlan(request, table, tuple(chosen), tuple(t for t in types if t in present))
+    return RunPlan(request, catalog, table, tuple(chosen), tuple(t for t in types if t in present))
 
 
-def choose_types(asked: Sequence[str], catalog: Catalog) -> tuple[str, ...]:
+def choose_types(asked: Sequence[str]) -> tuple[str, ...]:
     """Type ids named by `asked` (ids and group names; empty = all), in the catalogue's order."""
-    known = {kind.id for kind in catalog.types} | {kind.group for kind in catalog.types}
+    types = load_catalog().types
+    known = {kind.id for kind in types} | {kind.group for kind in types}
     for word in asked:
         if word not in known:
-            groups = sorted({kind.group for kind in catalog.types})
+            groups = sorted({kind.group for kind in types})
             raise InputError(
                 f"--types {word}: no such type or group: groups are {', '.join(groups)}; "
-                f"types are {', '.join(kind.id for kind in catalog.types)}"
+                f"types are {', '.join(kind.id for kind in types)}"
             )
-    return tuple(kind.id for kind in catalog.types if not asked or kind.id in asked or kind.group in asked)
+    return tuple(kind.id for kind in types if not asked or kind.id in asked or kind.group in asked)
 
 
 def choose_variants(rows: Sequence[ScenarioSpec], variants: str) -> list[ScenarioSpec]:

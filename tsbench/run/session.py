@@ -36,7 +36,6 @@ from tsbench.run.plan import Request, make_plan
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.run.run_options import Options
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.signs.catalog import load_catalog
 
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
@@ -82,10 +81,9 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
     """
     options.check()
     options, code = _in_image(options), code_stamps()
-    catalog = load_catalog()
-    plan = make_plan(options.request, catalog)
+    plan = make_plan(options.request)
     perception = options.perceived()
-    contract = standing_contract(contract_hash(plan.table, catalog))
+    contract = standing_contract(contract_hash(plan.table, plan.catalog))
     effective = options.resolved(plan, perception)
     if options.out is not None and not options.overwrite:
         check_folder(options.out, contract, effective)

@@ -13,11 +13,11 @@ from pathlib import Path
 import pyarrow as pa
 
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, read_rows, save_rows
-from tsbench.core.paths import dataset_file, mirrored_in_use
+from tsbench.core.paths import dataset_file
 from tsbench.core.provenance import data_hash, digest, versions
 from tsbench.scenarios.mirror import mirrored_id
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
-from tsbench.signs.catalog import load_catalog
+from tsbench.signs.catalog import mirror_in_use
 from tsbench.sim.convoy import LATE_BRAKE_MPS2
 
 SCHEMA_VERSION = 4
@@ -149,9 +149,9 @@ def read_certificates(path: Path) -> list[Certificate]:
     Of a mirrored data set: those of the stored rows, by the names of their images.
     """
     rows = read_rows(Certificate, path, SCHEMA, "tsbench scenarios build makes it", _OF_PAIRS)
-    if not mirrored_in_use():
+    if (mirror := mirror_in_use()) is None:
         return rows
-    renamed = [replace(row, scenario_id=mirrored_id(row.scenario_id, load_catalog())) for row in rows]
+    renamed = [replace(row, scenario_id=mirrored_id(row.scenario_id, mirror)) for row in rows]
     return sorted(renamed, key=lambda row: row.scenario_id)
 
 

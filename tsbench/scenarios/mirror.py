@@ -17,7 +17,7 @@ from tsbench.core.xmlfile import parse
 from tsbench.geometry.angles import wrap
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.annotations import sumo_angle
-from tsbench.signs.catalog import Catalog, load_catalog, mirrored_code, mirrored_slot
+from tsbench.signs.catalog import Catalog, mirrored_code, mirrored_slot
 from tsbench.signs.model import Sign
 from tsbench.sim.scene import SceneFile
 
@@ -61,10 +61,9 @@ def mirrored_network(file: SceneFile) -> SceneFile:
     return SceneFile(file.path, etree.tostring(root))
 
 
-def mirrored_additional(file: SceneFile) -> SceneFile:
+def mirrored_additional(file: SceneFile, signs: Mapping[str, Sign]) -> SceneFile:
     """An additional file in the mirror, its plates turned into their images."""
     root = parse(file.content, file.path, "additional", "scene file")
-    signs = load_catalog().signs
     for element in root.iter("poi", "poly"):
         _mirror_place(element)
         params = {str(p.get("key")): p for p in element.iterfind("param")}

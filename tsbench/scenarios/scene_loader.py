@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import mirrored_in_use
 from tsbench.core.xmlfile import sha256
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.localization import LaneLocator
@@ -16,8 +15,9 @@ from tsbench.roads.planner_map import PlannerMap, build_planner_map
 from tsbench.scenarios.mirror import mirrored_additional, mirrored_network
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFiles, SceneStore
-from tsbench.sim.scene import Scene, SceneFile
-from tsbench.sim.scene_file import read_layout, scene_from_layout
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.scene import Scene, SceneFile, SceneLayout
+from tsbench.sim.scene_file import read_layout
 
 _KEPT_NETWORKS = 4
 
@@ -45,25 +45,30 @@ class SceneLoader:
 
     def __init__(self, files: SceneFiles | None = None) -> None:
         self.files = SceneStore() if files is None else files
-        self._mirrored = mirrored_in_use()
+        self.catalog = load_catalog()
         self._roads: OrderedDict[str, Roads] = OrderedDict()
 
     def load(self, spec: ScenarioSpec) -> tuple[Scene, Roads]:
         """The scene of a row. Raises InputError for a missing, changed or malformed file."""
-        additional = self._read(spec, spec.additional, spec.additional_sha256)
-        additional = mirrored_additional(additional) if self._mirrored else additional
+        additional, layout = self.layout(spec)
         roads = self._load_roads(spec)
-        layout = read_layout(additional.path, additional.content)
-        return scene_from_layout(
-            layout, roads.network, roads.file, additional, spec.horizon, spec.seed
-        ), roads
+        return Scene(
+            **vars(layout), catalog=self.catalog, net=roads.file, additional=additional, network=roads.network,
+            horizon=spec.horizon, seed=spec.seed,
+        ), roads  # fmt: skip
+
+    def layout(self, spec: ScenarioSpec) -> tuple[SceneFile, SceneLayout]:
+        """A row's additional file and what it says. Raises InputError for a missing, changed or malformed file."""
+        file = self._read(spec, spec.additional, spec.additional_sha256)
+        file = mirrored_additional(file, self.catalog.signs) if self.catalog.image else file
+        return file, read_layout(file.path, self.catalog, file.content)
 
     def _load_roads(self, spec: ScenarioSpec) -> Roads:
         key = spec.net_sha256 + spec.net
         roads = self._roads.get(key)
         if roads is None:
             file = self._read(spec, spec.net, spec.net_sha256)
-            file = mirrored_network(file) if self._mirrored else file
+            file = mirrored_network(file) if self.catalog.image else file
             network = read_network(file.path, file.content)
             roads = Roads(network, LaneGraph(network), LaneLocator(network), file)
             self._roads[key] = roads

@@ -18,10 +18,10 @@ import pyarrow.parquet as pq
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, columns
-from tsbench.core.paths import dataset_file, fetch_hint, mirrored_in_use
+from tsbench.core.paths import dataset_file, fetch_hint
 from tsbench.core.xmlfile import read_plain, sha256
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.signs.catalog import load_catalog
+from tsbench.signs.catalog import mirror_in_use
 from tsbench.sim.scene import SceneFile
 
 # The files of one map, unpacked: ten times what the largest has. What Parquet adds to them is no more than they.
@@ -50,7 +50,8 @@ class SceneFiles(Protocol):
 
 def store_path(split: str, type_id: str, root: Path | None = None) -> Path:
     """Where the scenes of a type in a split stand; root: the `scenarios/` folder."""
-    name = f"scenes/{split}/{load_catalog().mirrored_type(type_id) if mirrored_in_use() else type_id}.parquet"
+    mirror = mirror_in_use()
+    name = f"scenes/{split}/{mirror.mirrored_type(type_id) if mirror else type_id}.parquet"
     return dataset_file(f"scenarios/{name}") if root is None else root / name
 
 

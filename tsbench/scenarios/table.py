@@ -15,11 +15,11 @@ import yaml
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, read_rows, save_table
-from tsbench.core.paths import OWN_CITY, dataset_file, dataset_root, fetch_hint, mirrored_in_use, source_city
+from tsbench.core.paths import OWN_CITY, dataset_file, dataset_root, fetch_hint, source_city
 from tsbench.core.typed import read_typed
 from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.spec import CONTRAST, MOST_TICKS, SCHEMA_VERSION, SIGNED, ScenarioSpec
-from tsbench.signs.catalog import load_catalog
+from tsbench.signs.catalog import mirror_in_use
 
 SplitName = Literal["test", "dev", "holdout", "train"]
 SPLITS: tuple[str, ...] = get_args(SplitName)
@@ -55,7 +55,8 @@ def read_table(path: Path) -> list[ScenarioSpec]:
         raise InputError(f"{path}: {source_city()} has no {path.stem} split; it has {', '.join(there)}")
     at = path.stat() if path.is_file() else None
     specs = _read(path, hint, at and (at.st_ino, at.st_size, at.st_mtime_ns, at.st_ctime_ns))
-    return [mirrored_row(spec, load_catalog()) for spec in specs] if mirrored_in_use() else list(specs)
+    mirror = mirror_in_use()
+    return list(specs) if mirror is None else [mirrored_row(spec, mirror) for spec in specs]
 
 
 @lru_cache(maxsize=len(SPLITS))

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from lxml import etree
 
 from tsbench.core.errors import InputError
-from tsbench.signs.catalog import load_catalog
+from tsbench.signs.catalog import Catalog
 from tsbench.signs.contrast import CONTRAST
 from tsbench.signs.plate_params import Params, PlateParams, read_params
 from tsbench.signs.rule_kinds import RULE_KINDS
@@ -114,7 +114,7 @@ def sign_to_poi(sign: SignInstance) -> etree._Element:
     return poi
 
 
-def signs_from_additional(root: etree._Element, source: str = "additional file") -> tuple[SignInstance, ...]:
+def signs_from_additional(root: etree._Element, catalog: Catalog, source: str) -> tuple[SignInstance, ...]:
     """All plates of a scene, in the order of the file; points of interest of other types are skipped.
 
     root: of the parsed additional file. source: its name for error messages. The target of a contrast scene may be a
@@ -126,7 +126,7 @@ def signs_from_additional(root: etree._Element, source: str = "additional file")
     for poi in root.iterfind("poi"):
         if poi.get("type") != "sign":
             continue
-        sign = _sign_from_poi(poi, source, contrast)
+        sign = _sign_from_poi(poi, catalog, source, contrast)
         if sign.id in signs:
             raise InputError(f"{source}: sign {sign.id!r}: the id occurs twice")
         signs[sign.id] = sign
@@ -136,7 +136,7 @@ def signs_from_additional(root: etree._Element, source: str = "additional file")
     return tuple(signs.values())
 
 
-def _sign_from_poi(poi: etree._Element, source: str, contrast: bool) -> SignInstance:
+def _sign_from_poi(poi: etree._Element, catalog: Catalog, source: str, contrast: bool) -> SignInstance:
     where = f"{source}: sign {poi.get('id', '')!r}"
     given: dict[str, str] = {}
     for param in poi.iterfind("param"):
@@ -146,6 +146,7 @@ def _sign_from_poi(poi: etree._Element, source: str, contrast: bool) -> SignInst
         given[key] = param.get("value", "")
     extra = {key: text for key, text in given.items() if key not in _RESERVED}
     try:
+        rule = catalog.sign(given["code"]).rule.name
         sign = SignInstance(
             id=poi.get("id", ""),
             code=given["code"],
@@ -158,7 +159,7 @@ def _sign_from_poi(poi: etree._Element, source: str, contrast: bool) -> SignInst
             heading=float(given["heading"]),
             role=given["role"],
             ends=given.get("ends"),
-            params=plate_params(given["code"], extra, binds=given["role"] == "target" and not contrast),
+            params=plate_params(rule, extra, binds=given["role"] == "target" and not contrast),
         )
         angle = float(poi.attrib["angle"])
     except KeyError as error:
@@ -171,12 +172,11 @@ def _sign_from_poi(poi: etree._Element, source: str, contrast: bool) -> SignInst
     return sign
 
 
-def plate_params(code: str, given: Mapping[str, str], *, binds: bool = True) -> PlateParams | None:
+def plate_params(rule: str, given: Mapping[str, str], *, binds: bool = True) -> PlateParams | None:
     """The params of a plate from their texts; only one that surely `binds` the ego must have any.
 
-    Raises ValueError for a missing or strange one, InputError for a code that the catalogue has not.
+    rule: the name of its sign's. Raises ValueError for a missing or strange one.
     """
-    rule = load_catalog().sign(code).rule.name
     kind = RULE_KINDS[rule].params
     if not given and (kind is None or not binds):
         return None

@@ -16,7 +16,7 @@ from msgspec import Meta
 from tsbench.core import textfile
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
-from tsbench.core.paths import data_file, left_hand_in_use, source_city
+from tsbench.core.paths import data_file, mirrored_in_use, source_city
 from tsbench.core.text import csv_text
 from tsbench.core.typed import Text, read_sheet
 from tsbench.signs.catalog import Catalog, load_catalog, yaml_files
@@ -182,7 +182,7 @@ class Country:
         if own is None:
             return sign.drawing
         turned = f"left/{own}"
-        return turned if left_hand_in_use() and (plates / turned).is_file() else own
+        return turned if mirrored_in_use() and (plates / turned).is_file() else own
 
     def caption(self, sign: str) -> str:
         """The code that a picture gives a plate: the country's behind its two letters, in Latin letters."""
@@ -237,7 +237,7 @@ def load_countries(root: Path | None = None) -> tuple[Country, ...]:
 
 def country_in_use() -> Country | None:
     """The country of the city in use; None where no file says which, or that has no file."""
-    return _of_city(data_file(f"cities/{source_city()}.yaml"), load_catalog().root / "countries")
+    return _of_city(data_file(f"cities/{source_city()}.yaml"), data_file("sign_catalog/countries"))
 
 
 @cache

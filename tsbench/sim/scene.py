@@ -10,7 +10,7 @@ from tsbench.core.errors import InputError
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import Catalog, RuleSpec, load_catalog
+from tsbench.signs.catalog import Catalog, RuleSpec
 from tsbench.signs.contrast import ContrastClause, PassageParams
 from tsbench.signs.plate_params import NAMES, GiveWayParams, JunctionParams, PlateParams, ZoneParams
 
@@ -127,7 +127,7 @@ class SceneLayout:
 class Scene(SceneLayout):
     """A layout on its network. horizon: steps. catalog: what its plates ask.
 
-    Raises InputError where a plate's params name what is not there, or what does not fit its place.
+    Raises InputError where the layout or a plate's params name what is not there, or what does not fit its place.
     """
 
     net: SceneFile
@@ -135,9 +135,10 @@ class Scene(SceneLayout):
     network: RoadNetwork
     horizon: int
     seed: int
-    catalog: Catalog = field(default_factory=load_catalog, compare=False, repr=False)
+    catalog: Catalog = field(compare=False, repr=False)
 
     def __post_init__(self) -> None:
+        self._check_places()
         parts: list[tuple[str, str, PlateParams | None]] = [
             (f"sign {s.id!r}", s.edge, s.params) for s in self.signs
         ]
@@ -146,6 +147,23 @@ class Scene(SceneLayout):
             problem = None if params is None else self._problem(params) or self._misfit(params, edge)
             if problem is not None:
                 raise InputError(f"{self.additional}: {what}: {problem}")
+
+    def _check_places(self) -> None:
+        plans = {"convoy": self.convoy, "walkers": self.walkers}
+        lanes = {"start": self.start.lane} | {what: plan.line_lane for what, plan in plans.items() if plan}
+        lanes |= {f"obstacle {o.id}": o.lane for o in self.obstacles}
+        for what, lane in lanes.items():
+            if lane not in self.network.lane_index:
+                raise InputError(f"{self.additional}: {what}: no lane {lane!r} in the network")
+        edges = {"destination": self.destination.edge} | {f"sign {s.id}": s.edge for s in self.signs}
+        for what, edge in edges.items():
+            if edge not in self.network.edges:
+                raise InputError(f"{self.additional}: {what}: no edge {edge!r} in the network")
+        for sign in self.signs:
+            if sign.lane >= len(self.network.edges[sign.edge].lanes):
+                raise InputError(
+                    f"{self.additional}: sign {sign.id}: edge {sign.edge!r} has no lane {sign.lane}"
+                )
 
     def _problem(self, params: PlateParams) -> str | None:
         """Which name in some params is that of nothing in this scene, in words."""

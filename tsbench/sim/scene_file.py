@@ -19,8 +19,9 @@ from tsbench.geometry.footprint import corners
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import sign_to_poi, signs_from_additional
+from tsbench.signs.catalog import Catalog
 from tsbench.signs.contrast import contrast_from_additional, contrast_to_poi
-from tsbench.sim.scene import ConvoyPlan, EgoStart, Obstacle, Scene, SceneFile, SceneLayout, WalkersPlan
+from tsbench.sim.scene import ConvoyPlan, EgoStart, Obstacle, SceneFile, SceneLayout, WalkersPlan
 
 EGO_ID = "ego"
 # Vehicles that stand on a secondary arm and wait.
@@ -128,10 +129,10 @@ def _params(element: etree._Element) -> dict[str, str]:
     return {str(p.attrib["key"]): str(p.attrib["value"]) for p in element.iterfind("param")}
 
 
-def read_layout(path: Path, content: bytes | None = None) -> SceneLayout:
+def read_layout(path: Path, catalog: Catalog, content: bytes | None = None) -> SceneLayout:
     """The layout of a scene file. Raises InputError naming the element that is missing or wrong."""
     root = read_additional(path, content)
-    signs = signs_from_additional(root, str(path))
+    signs = signs_from_additional(root, catalog, str(path))
     try:
         pois = {p.get("type"): _params(p) for p in root.iterfind("poi") if p.get("type") != "sign"}
         start, end = pois["start"], pois["destination"]
@@ -183,27 +184,3 @@ def _walkers(p: dict[str, str]) -> WalkersPlan:
         raise ValueError(f"{len(persons)} walkers with {len(speeds)} speeds")
     come_up_s, until_past = float(p.get("come_up_s", "0.0")), p.get("until_past", "0") == "1"
     return WalkersPlan(**_plan(p), persons=persons, speeds=speeds, come_up_s=come_up_s, until_past=until_past)
-
-
-def _check_places(layout: SceneLayout, network: RoadNetwork, path: Path) -> None:
-    plans = {"convoy": layout.convoy, "walkers": layout.walkers}
-    lanes = {"start": layout.start.lane} | {what: plan.line_lane for what, plan in plans.items() if plan}
-    lanes |= {f"obstacle {o.id}": o.lane for o in layout.obstacles}
-    for what, lane in lanes.items():
-        if lane not in network.lane_index:
-            raise InputError(f"{path}: {what}: no lane {lane!r} in the network")
-    edges = {"destination": layout.destination.edge} | {f"sign {s.id}": s.edge for s in layout.signs}
-    for what, edge in edges.items():
-        if edge not in network.edges:
-            raise InputError(f"{path}: {what}: no edge {edge!r} in the network")
-    for sign in layout.signs:
-        if sign.lane >= len(network.edges[sign.edge].lanes):
-            raise InputError(f"{path}: sign {sign.id}: edge {sign.edge!r} has no lane {sign.lane}")
-
-
-def scene_from_layout(
-    layout: SceneLayout, network: RoadNetwork, net: SceneFile, additional: SceneFile, horizon: int, seed: int
-) -> Scene:
-    """Network and layout as one scene. Raises InputError where the layout names a lane or edge that is not there."""
-    _check_places(layout, network, additional.path)
-    return Scene(**vars(layout), net=net, additional=additional, network=network, horizon=horizon, seed=seed)

@@ -58,7 +58,7 @@ def placed(case: Case) -> PlacedPlates:
         return Obstacle(f"obstacle_{number}", "island", x, y, line.heading_at(s), 4.0, 1.6, lane)
 
     return PlacedPlates(
-        table,
+        load_catalog(),
         PlateRoads(graph=LaneGraph(roads), distances=table.distances),
         tuple(plate(k, *given) for k, given in enumerate(case["plates"])),
         tuple(obstacle(k, *given) for k, given in enumerate(case.get("obstacles", ()))),

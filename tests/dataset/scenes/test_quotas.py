@@ -261,7 +261,7 @@ def test_a_build_ends_with_tables_and_stores_the_same_bytes_again(
     waiting = iter(pools)
     monkeypatch.setattr(build_module, "read_pool", lambda _: rows)
     monkeypatch.setattr(build_module, "split_pool", lambda *_: sides)
-    monkeypatch.setattr(build_module, "load_recipe", lambda *_: recipe())
+    monkeypatch.setattr(build_module, "load_recipes", lambda _: [recipe()])
     monkeypatch.setattr(parallel, "ProcessPoolExecutor", lambda *_, **__: next(waiting))
 
     def build(root: Path) -> dict[str, bytes]:

@@ -19,13 +19,12 @@ SUFFIXES = (
     ".pbf",
 )
 # Files of OpenStreetMap's that are no extract, and what makes one of them.
+CHANGES = "a file of changes, not of roads: apply it to an extract with `osmium apply-changes`"
+_HISTORY = "a file of all that ever was: take one day of it with `osmium time-filter`"
 _OTHERS = {
-    **{f".osc{packed}": "a file of changes, not of roads: apply it to an extract with `osmium apply-changes`"
-       for packed in _PACKED},
-    **{f".osh{kind}": "a file of all that ever was: take one day of it with `osmium time-filter`"
-       for kind in (*_PACKED, ".xml", ".pbf")},
-}  # fmt: skip
-CHANGES = _OTHERS[".osc"]
+    **{f".osc{packed}": CHANGES for packed in _PACKED},
+    **{f".osh{kind}": _HISTORY for kind in (*_PACKED, ".xml", ".pbf")},
+}
 _CHUNK, _TAIL = 1 << 20, 256
 # Of a file that is called .xml, so much is looked at for OpenStreetMap's own element: others have that ending, too.
 _LOOKED_AT = 1 << 16

@@ -24,10 +24,10 @@ from tsbench.dataset.maps.utm import UtmFrame
 
 EXTRACT_TIMEOUT_S = 900.0
 # Warnings that a tag was not taken as it is; the others are about the making of junctions, stops and restrictions.
-_OF_TAGS = (
-    "Value of key", "Skipping edge", "Using default width", "Using minimum lane number", "New value for oneway",
-    "Unknown lane use", "Discarding edge",
-)  # fmt: skip
+_OF_TAGS = re.compile(
+    "Value of key|Skipping edge|Using default width|Using minimum lane number|New value for oneway"
+    "|Unknown lane use|Discarding edge"
+)
 # That coordinates are not moved to the origin is meant so; totals come after the first five of a kind.
 _SAID_ALWAYS = re.compile(r"Network contains very large coordinates|\d+ total messages of type")
 # What differs between two warnings of one kind.
@@ -117,7 +117,7 @@ def _convert(
     )
     (folder / "extract.osm").unlink()
     warnings = _kinds(said)
-    of_tags = [line for line in warnings if line.startswith(_OF_TAGS)]
+    of_tags = [line for line in warnings if _OF_TAGS.match(line)]
     option, name = output
     built = (
         [folder / name] if option == "--output-file" else [folder / f"{name}.{k}.xml" for k in ("nod", "edg")]

@@ -36,10 +36,8 @@ def facts_of(
     day = date or date_of(path)
     if day is None:
         raise InputError(f"{path}: does not say of which day it is: say it with --date YYYY-MM-DD")
-    return zone, {
-        "name": extract_name(path), "date": day, "address": address or f"the file {path.name}",
-        "sha256": sha256_of(path), "bytes": path.stat().st_size,
-    }, contents.lines  # fmt: skip
+    named = {"name": extract_name(path), "date": day, "address": address or f"the file {path.name}"}
+    return zone, {**named, "sha256": sha256_of(path), "bytes": path.stat().st_size}, contents.lines
 
 
 def date_of(path: Path) -> str | None:

@@ -82,7 +82,7 @@ class ClosedRoadPlacement(ScenePlacement):
         harmless = recipe.choices["harmless"][0]
         signs = (
             plate_beside(network, self.code, way.exit, plate_s, ApproachParams(lane.edge)),
-            usual_limit(network, harmless, (way.other, plate_s), (way.exit, way.other)),
+            usual_limit(task, harmless, (way.other, plate_s), (way.exit, way.other)),
         )
         room = network.edges[way.exit].length - recipe.number("end_before_edge_m")
         end_s = variant.route_end(plate_s + recipe.number("destination_behind_plate_m"), room)
@@ -102,13 +102,11 @@ class ClosedRoadPlacement(ScenePlacement):
         left = task.graph.turn(approach, exit_) == LEFT
         oncoming = tuple(e for e in through_arms(task.row, 0.0).prior_in if left and e != approach)
         passage = PassageParams(approach, exit_, oncoming)
-        return replace(
-            signed, target=other.id, signs=exchanged(plate, other),
-            contrast=(
-                ContrastClause("needless_stop", passage),
-                ContrastClause("needless_detour", WayParams(approach, exits=(exit_,))),
-            ),
-        )  # fmt: skip
+        needless = (
+            ContrastClause("needless_stop", passage),
+            ContrastClause("needless_detour", WayParams(approach, exits=(exit_,))),
+        )
+        return replace(signed, target=other.id, signs=exchanged(plate, other), contrast=needless)
 
 
 def _ways(row: PoolRow, network: RoadNetwork, graph: LaneGraph, recipe: Recipe) -> list[_Way]:

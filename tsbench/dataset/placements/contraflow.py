@@ -29,7 +29,6 @@ from tsbench.roads.destination import Destination
 from tsbench.roads.network import DEFAULT_LANE_WIDTH_M, RoadNetwork
 from tsbench.roads.reserved_lanes import contraflow_lanes
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
@@ -40,7 +39,7 @@ class ContraflowPlacement(ScenePlacement):
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
-        self.users = load_catalog().sign(self.code).rule.option("users")
+        self.users = recipe.catalog.sign(self.code).rule.option("users")
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The exit's leftmost lane turned round, and the approach's lanes leading straight on into the others."""
@@ -63,10 +62,8 @@ class ContraflowPlacement(ScenePlacement):
             graph.route(approach, exit_) == (approach, exit_), "the exit is not the next edge of the route"
         )
         onward = _onward(network, reserved)
-        sign = plate_beside(
-            network, self.code, exit_, recipe.number("plate_after_junction_m"),
-            ReservedLaneParams((exit_,), approach, (contra.id,)),
-        )  # fmt: skip
+        params = ReservedLaneParams((exit_,), approach, (contra.id,))
+        sign = plate_beside(network, self.code, exit_, recipe.number("plate_after_junction_m"), params)
         most = min(recipe.number("run_up_most_m"), lane.line.length - EGO_LENGTH_M - 0.1)
         least = recipe.number("run_up_least_m")
         require(most >= least, f"{lane.line.length:.0f} m of road before the junction")
@@ -99,12 +96,14 @@ def _way(row: PoolRow, plain: PlainNet, recipe: Recipe) -> tuple[str, str]:
         (a["in_edge"], b["out_edge"])
         for a in arms
         for b in arms
-        if a["in_edge"] in lanes and b["out_edge"] in lanes and not b["in_edge"]
+        if a["in_edge"] in lanes
+        and b["out_edge"] in lanes
+        and not b["in_edge"]
         and recipe.number("least_lanes") <= lanes[a["in_edge"]] == lanes[b["out_edge"]]
         and a["length_m"] >= recipe.number("run_up_least_m") + EGO_LENGTH_M
         and b["length_m"] >= recipe.number("zone_least_m")
         and 180.0 - abs(wrap_deg(b["heading_deg"] - a["heading_deg"])) <= recipe.number("straight_deg")
-    ]  # fmt: skip
+    ]
     require(bool(found), "no one-way exit lies straight ahead of an approach with as many lanes")
     return min(found, key=lambda way: (seed_of("contraflow", row.map_id, *way), way))
 

@@ -32,9 +32,10 @@ from tsbench.dataset.scenes.placed_plates import PlacedPlates
 from tsbench.dataset.scenes.plate_roads import PlateRoads
 from tsbench.dataset.scenes.traffic import Sent, shut_roads
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import load_catalog
 
 _Plate = tuple[str, float | None]
+_Swap = tuple[_Plate, _Plate]
+_Held = tuple[SignInstance, _Plate, _Plate]
 
 
 def with_same_plates(
@@ -51,7 +52,7 @@ def with_same_plates(
     """
     ours, theirs = (Counter((s.code, s.value) for s in half.signs) for half in (signed, contrast))
     swaps = list(zip(_in_order(theirs - ours), _in_order(ours - theirs), strict=True))
-    if any(_ends(code) for (code, _), _ in swaps):
+    if any(task.recipe.catalog.sign(code).is_end for (code, _), _ in swaps):
         return _with_same_limits(task, signed, contrast)
     held = _held_posts(task, signed, swaps, halves)
     sent = _sent(task, signed, held, halves[0].roads)
@@ -66,28 +67,23 @@ def with_same_plates(
 
 
 def _held_posts(
-    task: SceneTask,
-    arrangement: Arrangement,
-    swaps: Sequence[tuple[_Plate, _Plate]],
-    halves: Sequence[PlacedPlates],
-) -> list[tuple[SignInstance, _Plate, _Plate]]:
+    task: SceneTask, arrangement: Arrangement, swaps: Sequence[_Swap], halves: Sequence[PlacedPlates]
+) -> list[_Held]:
     """A post for each swap at which the one plate can stand in the one half and the other in the other, if any."""
-    edges = sorted(beside_ways(task, arrangement))
-    found: list[tuple[SignInstance, _Plate, _Plate]] = []
+    found: list[_Held] = []
     for swap in swaps:
-        post = next(_posts_holding(task, arrangement, edges, swap, found, halves), None)
+        post = next(_posts_holding(task, arrangement, swap, found, halves), None)
         if post is not None:
             found.append((post, *swap))
     return found
 
 
 def _posts_holding(
-    task: SceneTask, arrangement: Arrangement, edges: Sequence[str], swap: tuple[_Plate, _Plate],
-    found: Sequence[tuple[SignInstance, _Plate, _Plate]], halves: Sequence[PlacedPlates],
-) -> Iterator[SignInstance]:  # fmt: skip
+    task: SceneTask, arrangement: Arrangement, swap: _Swap, found: list[_Held], halves: Sequence[PlacedPlates]
+) -> Iterator[SignInstance]:
     """Posts for a swap, those first for which the fewest roads are closed to other traffic."""
     others, closing = [post for post, _, _ in found], {}
-    for edge in shuffled(edges, task):
+    for edge in shuffled(sorted(beside_ways(task, arrangement)), task):
         middle = bare_post(task, arrangement, edge, halves[0].roads.length(edge) / 2, len(found))
         sent = _sent(task, arrangement, [*found, (middle, *swap)], halves[0].roads)
         if sent is not None:
@@ -106,18 +102,13 @@ def _posts_holding(
                     yield post
 
 
-def _sent(
-    task: SceneTask,
-    arrangement: Arrangement,
-    held: Sequence[tuple[SignInstance, _Plate, _Plate]],
-    roads: PlateRoads,
-) -> Sent | None:
+def _sent(task: SceneTask, arrangement: Arrangement, held: Sequence[_Held], roads: PlateRoads) -> Sent | None:
     """Other traffic as the plates on some posts send it in both halves; None where it could not go on.
 
     An approach from which the two halves' plates permit no common way is not used, nor is a road from which only
     ways onto the ego's are left: all its traffic would stand where the ego turns.
     """
-    graph, catalog = task.graph, load_catalog()
+    graph, catalog = task.graph, task.recipe.catalog
     avoid, closed = set(arrangement.avoid_turns), set(arrangement.closed_edges)
     ego = {*arrangement.route_hint, *arrangement.compliant_hint}
     shut: list[tuple[str, ...]] = []
@@ -155,16 +146,12 @@ def _with_same_limits(
 
 
 def _on_posts(
-    signed: Arrangement, contrast: Arrangement, posts: Sequence[tuple[SignInstance, _Plate, _Plate]]
+    signed: Arrangement, contrast: Arrangement, posts: Sequence[_Held]
 ) -> tuple[Arrangement, Arrangement]:
     """Both halves with more posts: each with its plate in the signed half and the one in the other half."""
     ours = tuple(replace(post, code=code, value=value) for post, (code, value), _ in posts)
     theirs = tuple(replace(post, code=code, value=value) for post, _, (code, value) in posts)
     return replace(signed, signs=(*signed.signs, *ours)), replace(contrast, signs=(*contrast.signs, *theirs))
-
-
-def _ends(code: str) -> bool:
-    return load_catalog().sign(code).is_end
 
 
 def _in_order(plates: Counter[_Plate]) -> list[_Plate]:

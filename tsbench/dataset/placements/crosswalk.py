@@ -146,10 +146,9 @@ class CrosswalkPlacement(ScenePlacement):
             for sign, other in zip(signed.signs, others, strict=True)
         )
         plate = replace(plate, params=ZoneParams((first, last)))
-        return replace(
-            signed, signs=(plate, *rest), walkers=replace(signed.walkers, until_past=True),
-            contrast=tuple(ContrastClause(name, passage) for name in ("needless_stop", "needless_yield")),
-        )  # fmt: skip
+        walkers = replace(signed.walkers, until_past=True)
+        needless = tuple(ContrastClause(name, passage) for name in ("needless_stop", "needless_yield"))
+        return replace(signed, signs=(plate, *rest), walkers=walkers, contrast=needless)
 
     @staticmethod
     def _limit(task: SceneTask, edges: tuple[str, ...]) -> float:
@@ -159,7 +158,7 @@ class CrosswalkPlacement(ScenePlacement):
         driven += [lane.speed for edge in edges for lane in passenger_lanes(network, edge)]
         road = max(driven) / KMH
         code, limits = recipe.choices["contrast_plates"][0], recipe.choices["contrast_kmh"]
-        usable = [v for v in limits if can_post(task.row, code, v) and v >= road - 0.5]
+        usable = [v for v in limits if can_post(recipe, task.row, code, v) and v >= road - 0.5]
         require(bool(usable), f"no limit of a {task.row.road_class} road is {road:.0f} km/h or more")
         above = [v for v in usable if v >= road + recipe.number("contrast_above_kmh") - 0.5] or usable
         return float(above[task.variant.value % len(above)])

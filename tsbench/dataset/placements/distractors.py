@@ -23,7 +23,6 @@ from tsbench.dataset.placements.posts import (
 )
 from tsbench.dataset.scenes.placed_plates import PlacedPlates
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import load_catalog
 
 # Rules of plates that are no distractors: traffic is slower than 4.6 asks, and no lane is painted for 5.14.x.
 _NEVER = ("min_speed", "reserved_lane")
@@ -38,13 +37,17 @@ def distractors(
 
     halves: of the scene; in each a plate can stand where it stands, and no vehicle breaks it.
     """
-    wanted, taken = task.variant.distractors, {s.code for s in arrangement.signs}
+    catalog, wanted, taken = (
+        task.recipe.catalog,
+        task.variant.distractors,
+        {s.code for s in arrangement.signs},
+    )
     kinds = [
         kind
-        for kind in load_catalog().types
+        for kind in catalog.types
         if kind.group != "priority"
         and taken.isdisjoint(kind.codes)
-        and load_catalog().sign(kind.codes[0]).rule.name not in _NEVER
+        and catalog.sign(kind.codes[0]).rule.name not in _NEVER
     ]
     edges = leading_to(task, arrangement)
     codes = [code for kind in kinds for code in kind.codes]
@@ -75,7 +78,7 @@ def _fitting(
 
 def _bearings(post: SignInstance, code: str, task: SceneTask) -> list[SignInstance]:
     """The post with a plate, once for each value that the sign may post, in a drawn order."""
-    value = load_catalog().sign(code).value
+    value = task.recipe.catalog.sign(code).value
     if value is None:
         return [replace(post, code=code, value=None)]
     order = task.rng.permutation(len(value.allowed)).tolist()

@@ -41,9 +41,7 @@ from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, WayParams
-from tsbench.signs.places import load_places
 from tsbench.signs.plate_params import JunctionParams
 from tsbench.sim.scene import EgoStart
 
@@ -57,7 +55,7 @@ class ManoeuvrePlacement(ScenePlacement):
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
-        self.catalog = load_catalog()
+        self.catalog = recipe.catalog
         self.allowed = self._allowed(self.code)
         rules = {"manoeuvre", "one_way_exit"}
         self._family = [
@@ -111,7 +109,7 @@ class ManoeuvrePlacement(ScenePlacement):
         end_s = variant.route_end(least, room)
         plates, other = self.plates(task, short, compliant), self.other_code(task, short, compliant)
         for half in (plates, self.other_plates(plates, other)):
-            scene = PlacedPlates(load_places(), plate_roads(graph), half, (), ())
+            scene = PlacedPlates(self.catalog, plate_roads(graph), half, (), ())
             for plate in half:
                 for _, why in refused(scene, plate):
                     raise UnfitMapError(f"plate {plate.code} {why}")
@@ -135,11 +133,9 @@ class ManoeuvrePlacement(ScenePlacement):
         short, compliant = signed.route_hint, signed.compliant_hint
         code = self.other_code(task, short, compliant)
         plates = self.other_plates(signed.signs, code)
-        way = WayParams(short[0], exits=(short[1],))
-        return replace(
-            signed, signs=plates, target=next(p.id for p in plates if p.role == "target"), compliant_hint=(),
-            contrast=(ContrastClause("needless_detour", way),),
-        )  # fmt: skip
+        target = next(p.id for p in plates if p.role == "target")
+        way = ContrastClause("needless_detour", WayParams(short[0], exits=(short[1],)))
+        return replace(signed, signs=plates, target=target, compliant_hint=(), contrast=(way,))
 
     def banned(self, graph: LaneGraph, short: Sequence[str], allowed: Sequence[str]) -> frozenset[Turn]:
         """Turns out of the signed approach that a plate with these manoeuvres prohibits."""
@@ -168,7 +164,7 @@ class ManoeuvrePlacement(ScenePlacement):
         graph, approach = task.graph, short[0]
         wanted, other = (graph.turn(way[0], way[1]) for way in (short, compliant))
         roads = plate_roads(graph)
-        scene = PlacedPlates(load_places(), roads, (), (), ())
+        scene = PlacedPlates(self.catalog, roads, (), (), ())
         at = roads.length(approach) - task.recipe.number("plate_before_line_m")
         fit = [
             code
@@ -269,7 +265,7 @@ class NoEntryPlacement(ManoeuvrePlacement):
         harmless = task.recipe.choices["harmless"][0]
         return (
             plate_beside(task.network, self.code, short[1], at),
-            usual_limit(task.network, harmless, (compliant[1], at), (short[1], compliant[1])),
+            usual_limit(task, harmless, (compliant[1], at), (short[1], compliant[1])),
         )
 
     def other_plates(self, plates: Sequence[SignInstance], code: str) -> tuple[SignInstance, ...]:

@@ -49,7 +49,6 @@ from tsbench.roads.lane_graph import Turn
 from tsbench.roads.network import Connection, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, TARGET, SignInstance
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, PassageParams
 from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.convoy import predicted_arrival
@@ -73,7 +72,7 @@ class GiveWayPlacement(ScenePlacement):
     """
 
     def __init__(self, recipe: Recipe) -> None:
-        sign = load_catalog().sign(recipe.type.codes[0])
+        sign = recipe.catalog.sign(recipe.type.codes[0])
         self._code, self._faces = sign.code, sign.placement.faces
         self._stops = sign.rule.name == "stop"
         self._roles = _ROLES[sign.rule.option("priority_to")]
@@ -101,10 +100,8 @@ class GiveWayPlacement(ScenePlacement):
         lanes = [len(passenger_lanes(network, edge)) for edge in into if edge in network.edges]
         # In one half each road has priority over the other.
         require(max(lanes) - min(lanes) <= 1, f"roads of {min(lanes)} and {max(lanes)} lanes each way cross")
-        options = conflicts(
-            network, graph, arms, slowest_turn=recipe.number("slowest_turn_mps"),
-            most_to_zone=recipe.number("convoy_most_to_zone_m"),
-        )  # fmt: skip
+        slowest, farthest = recipe.number("slowest_turn_mps"), recipe.number("convoy_most_to_zone_m")
+        options = conflicts(network, graph, arms, slowest_turn=slowest, most_to_zone=farthest)
         require(bool(options), "no path of the ego meets, near its line, one that has priority")
         slow, latest = recipe.number(SHARES[0]), recipe.number("convoy_most_after_s")
         options = [c for c in options if line_lead(task, c, convoy_speed(task, c, slow)) <= latest]

@@ -35,8 +35,8 @@ def task_minimum(task: SceneTask) -> float:
         v
         for v in recipe.choices["limits_kmh"]
         if v + recipe.number("below_road_kmh") <= road + 0.5
-        and can_post(task.row, code, v)
-        and can_post(task.row, other, v - below)
+        and can_post(recipe, task.row, code, v)
+        and can_post(recipe, task.row, other, v - below)
     ]
     require(bool(usable), f"no minimum for a {task.row.road_class} road of {road:.0f} km/h")
     return float(usable[task.variant.value % len(usable)])

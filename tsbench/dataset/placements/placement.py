@@ -19,7 +19,6 @@ from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import ALL_LANES, DISTRACTOR, TARGET, SignInstance
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause
 from tsbench.signs.places import load_places
 from tsbench.signs.plate_params import PlateParams
@@ -162,13 +161,14 @@ def plate_beside(
     )  # fmt: skip
 
 
-def usual_limit(network: RoadNetwork, code: str, at: tuple[str, float], edges: Sequence[str]) -> SignInstance:
+def usual_limit(task: SceneTask, code: str, at: tuple[str, float], edges: Sequence[str]) -> SignInstance:
     """The scene's second plate, beside an edge at so many m: a limit that some edges may have, closest to their own.
 
     Of those that their classes of road may have, the least that is no lower, else the highest. Raises UnfitMapError.
     """
+    network = task.network
     own = max(lane.speed for edge in edges for lane in passenger_lanes(network, edge)) * 3.6
-    posted, table = load_catalog().sign(code).value, load_places()
+    posted, table = task.recipe.catalog.sign(code).value, load_places()
     values = () if posted is None else posted.allowed
     for edge in edges:
         allowed = table.allowed_speeds(road_class=network.edges[edge].road_class, code=code)

@@ -20,7 +20,6 @@ from tsbench.dataset.scenes.placed_plates import CLOSING, PlacedPlates
 from tsbench.dataset.scenes.plate_places import refused
 from tsbench.geometry.polyline import Polyline
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.places import load_places
 from tsbench.sim.scene import EgoStart
 
@@ -35,7 +34,7 @@ TRIES = 16
 
 def place_along(code: str, length: float, task: SceneTask) -> float:
     """Where along an edge a plate stands: as far from the line or the junction as the sign may, else anywhere."""
-    placement = load_catalog().sign(code).placement
+    placement = task.recipe.catalog.sign(code).placement
     if placement.reference == "line":
         return length - float(task.rng.uniform(_AT_LINE_M, min(placement.distance_m[1], _CLEAR_M)))
     if placement.reference == "exit_start":

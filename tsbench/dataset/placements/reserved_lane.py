@@ -29,7 +29,6 @@ from tsbench.geometry.polyline import Polyline
 from tsbench.roads.destination import Destination
 from tsbench.roads.network import Lane
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, WayParams
 from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.scene import EgoStart
@@ -46,7 +45,7 @@ class ReservedLanePlacement(ScenePlacement):
 
     def __init__(self, recipe: Recipe) -> None:
         self.code = recipe.type.codes[0]
-        self.users = load_catalog().sign(self.code).rule.option("users")
+        self.users = recipe.catalog.sign(self.code).rule.option("users")
 
     def _zone(self, row: PoolRow, recipe: Recipe) -> tuple[float, float]:
         """Arc lengths on the corridor of the plate and of the zone's end."""
@@ -90,7 +89,7 @@ class ReservedLanePlacement(ScenePlacement):
         sign = plate_beside(
             network, self.code, zone, 0.0, ReservedLaneParams((zone,), first, (reserved.id,)), lane=0
         )
-        other = usual_limit(network, recipe.choices["harmless"][0], (facing, 0.0), (facing, zone))
+        other = usual_limit(task, recipe.choices["harmless"][0], (facing, 0.0), (facing, zone))
         room = network.edge_lanes(last)[0].line.length - recipe.number("end_before_edge_m")
         end_s = variant.route_end(recipe.number("least_destination_m"), room)
         return Arrangement(
@@ -105,11 +104,8 @@ class ReservedLanePlacement(ScenePlacement):
         del task
         plate, other = signed.signs
         params = plate.params_as(ReservedLaneParams)
-        stay = WayParams(params.approach, lanes=params.lanes)
-        return replace(
-            signed, target=other.id, signs=exchanged(plate, other),
-            contrast=(ContrastClause("needless_detour", stay),),
-        )  # fmt: skip
+        stay = ContrastClause("needless_detour", WayParams(params.approach, lanes=params.lanes))
+        return replace(signed, target=other.id, signs=exchanged(plate, other), contrast=(stay,))
 
 
 def _users(task: SceneTask, vclass: str, lane: Lane, edges: tuple[str, ...]) -> tuple[etree._Element, ...]:

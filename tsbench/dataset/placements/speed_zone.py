@@ -27,7 +27,7 @@ from tsbench.roads.destination import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
-from tsbench.signs.catalog import load_catalog
+from tsbench.signs.catalog import Catalog
 from tsbench.signs.contrast import ContrastClause, SlowZoneParams
 from tsbench.signs.places import load_places
 from tsbench.signs.plate_params import ZoneParams
@@ -39,9 +39,8 @@ KMH = 1.0 / 3.6
 _ROOM_M = 2.0
 
 
-def needed_kmh(limit: float) -> float:
+def _needed_kmh(catalog: Catalog, limit: float) -> float:
     """The speed that traffic and bends have to allow, km/h: who keeps to `limit` is needlessly slow there."""
-    catalog = load_catalog()
     tolerated = limit + catalog.rule("speed").thresholds["tolerance_kmh"]
     return tolerated / catalog.needless.thresholds["slow_speed_ratio"]
 
@@ -51,17 +50,17 @@ def _no_faster(drivers: Sequence[Driver], most_kmh: float) -> tuple[Driver, ...]
     return tuple(replace(d, speed=min(d.speed, most_kmh * KMH)) for d in drivers)
 
 
-def can_post(row: PoolRow, code: str, value: float) -> bool:
+def can_post(recipe: Recipe, row: PoolRow, code: str, value: float) -> bool:
     """Can a plate set this value on a road of the map's class?"""
     table = load_places()
     allowed = table.allowed_speeds(road_class=row.road_class, code=code)
-    value = load_catalog().sign(code).effective_value(value) or value
+    value = recipe.catalog.sign(code).effective_value(value) or value
     return "road_speed" not in table.signs.get(code, ()) or allowed is None or value in allowed
 
 
-def _bend_kmh(network: RoadNetwork, zone: Sequence[str]) -> float:
+def _bend_kmh(catalog: Catalog, network: RoadNetwork, zone: Sequence[str]) -> float:
     """The speed that the bends of a zone allow where it is judged how fast the ego is."""
-    t = load_catalog().needless.thresholds
+    t = catalog.needless.thresholds
     line = join([network.edge_lanes(e)[0].line for e in zone])
     judged = line.slice(0.0, min(t["slow_zone_m"], line.length))
     return bend_speed(judged, t["lateral_mps2"]) / KMH
@@ -108,15 +107,15 @@ class SpeedZonePlacement(ScenePlacement):
         row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
         edges = [f"{row.fields['edge']}.{k}" for k in range(int(recipe.number("zone_edges")) + 2)]
         first, zone, last = edges[0], edges[1:-1], edges[-1]
-        bend, road = _bend_kmh(network, zone), row.speed_mps / KMH
+        bend, road = _bend_kmh(recipe.catalog, network, zone), row.speed_mps / KMH
         most = road - recipe.number("below_road_kmh") + 0.5
         limits = [
             v
             for v in recipe.choices["limits_kmh"]
-            if v <= most and can_post(row, self.code, v) and self._others(row, recipe, v)
+            if v <= most and can_post(recipe, row, self.code, v) and self._others(row, recipe, v)
         ]
         require(bool(limits), f"no pair of limits for a {row.road_class} road of {road:.0f} km/h")
-        require(needed_kmh(max(limits)) <= bend, f"the zone has a bend for {bend:.0f} km/h")
+        require(_needed_kmh(recipe.catalog, max(limits)) <= bend, f"the zone has a bend for {bend:.0f} km/h")
         limit = float(limits[variant.value % len(limits)])
         v = limit * KMH
         lanes = passenger_lanes(network, first)
@@ -155,7 +154,7 @@ class SpeedZonePlacement(ScenePlacement):
         """Values of the contrast half for a limit, km/h."""
         least = recipe.number("contrast_ratio") * limit - 0.5
         code = self.other_codes[0]
-        return [v for v in recipe.choices["contrast_kmh"] if v >= least and can_post(row, code, v)]
+        return [v for v in recipe.choices["contrast_kmh"] if v >= least and can_post(recipe, row, code, v)]
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
         """A value of at least 1.6 times as much."""
@@ -165,11 +164,9 @@ class SpeedZonePlacement(ScenePlacement):
         length = sum(task.network.edge_lanes(e)[0].line.length for e in zone)
         slow = SlowZoneParams(zone, 0.0, length, min(value, task.row.speed_mps / KMH))
         begin, end = self.other_codes
-        other = {
-            (self.code, limit): (begin, value), (self.end_code, limit): (end, value),
-            (begin, value): (self.code, limit), (end, value): (self.end_code, limit),
-        }  # fmt: skip
-        hung = ((sign, *other[sign.code, sign.posted]) for sign in signed.signs)
+        other = {(self.code, limit): (begin, value), (self.end_code, limit): (end, value)}
+        swap = other | {theirs: ours for ours, theirs in other.items()}
+        hung = ((sign, *swap[sign.code, sign.posted]) for sign in signed.signs)
         signs = tuple(replace(sign, code=code, value=value) for sign, code, value in hung)
         return replace(signed, signs=signs, contrast=(ContrastClause("needless_slow", slow),))
 

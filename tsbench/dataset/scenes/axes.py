@@ -7,11 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import mean
 
+from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
-from tsbench.scenarios.store import SceneStore
 from tsbench.signs.annotations import DISTRACTOR
 from tsbench.sim.scene import SceneLayout
-from tsbench.sim.scene_file import read_layout
 
 Progress = Callable[[int, int], None]
 
@@ -66,7 +65,7 @@ def asked_of(layout: SceneLayout) -> Asked:
 
 def type_axes(specs: Sequence[ScenarioSpec], progress: Progress) -> list[TypeAxes]:
     """One entry per type and split, in alphabetical order. Reads each signed row's scene. Raises InputError."""
-    store = SceneStore()
+    loader = SceneLoader()
     # Rows of a map one after the other: the store unpacks a map at a time.
     signed = sorted(
         (s for s in specs if s.half == SIGNED), key=lambda s: (s.split, s.pair_type, s.map_id, s.variant)
@@ -74,8 +73,7 @@ def type_axes(specs: Sequence[ScenarioSpec], progress: Progress) -> list[TypeAxe
     groups: dict[tuple[str, str], list[tuple[ScenarioSpec, Asked]]] = defaultdict(list)
     for number, spec in enumerate(signed):
         progress(number + 1, len(signed))
-        file = store.read(spec, spec.additional)
-        asked = asked_of(read_layout(file.path, file.content))
+        asked = asked_of(loader.layout(spec)[1])
         groups[(spec.pair_type, spec.split)].append((spec, asked))
     return [axes_of(*key, rows) for key, rows in sorted(groups.items())]
 

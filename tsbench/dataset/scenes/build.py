@@ -27,7 +27,7 @@ from tsbench.dataset.maps.source import kept_source
 from tsbench.dataset.placements.by_name import placement_of
 from tsbench.dataset.scenes.map_scenarios import MapScenarios, Prover, SiteBuilder
 from tsbench.dataset.scenes.places import with_places
-from tsbench.dataset.scenes.recipe import Recipe, load_recipe, recipe_types
+from tsbench.dataset.scenes.recipe import Recipe, load_recipes
 from tsbench.dataset.scenes.split import split_pool
 from tsbench.dataset.seeds import seed_of
 from tsbench.scenarios.certificates import (
@@ -41,7 +41,6 @@ from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder, store_path, write_store
 from tsbench.scenarios.table import SPLITS, read_table, table_path, write_table
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
 
 APART_M = 60.0
@@ -168,8 +167,7 @@ class TypeBuilder:
         quota = {k: v * self.maps[split] // MAPS["train"] for k, v in self.recipe.maps.items()}
         wanted = max(sum(self.recipe.maps.values()) * self.maps[split] // MAPS["train"], 1)
         taken: list[MapScenarios] = []
-        places: list[tuple[float, float]] = []
-        counts: Counter[str] = Counter()
+        maps: list[PoolRow] = []
         reasons: Counter[str] = Counter()
         draws: Counter[str] = Counter()
         tried: set[str] = set()
@@ -177,42 +175,43 @@ class TypeBuilder:
         for strict in (True, False):
             pick = [r for r in ordered if r.map_id not in tried and stratum_of(r) in self.recipe.maps]
             accept = quota if strict else {}
-            for row, site in self._built(pick, split, counts, accept, wanted, taken, places):
+            for row, site in self._built(pick, split, maps, accept, wanted):
                 tried.add(row.map_id)
                 draws.update(map(_reason_class, site.rejected))
                 if site.reason:
                     reasons[_reason_class(site.reason)] += 1
                     continue
                 taken.append(site)
-                places.append((row.east, row.north))
-                counts[stratum_of(row)] += 1
+                maps.append(row)
                 progress(f"{self.recipe.type.id} {split}", len(taken), wanted)
             if len(taken) >= wanted:
                 break
+        counts = Counter(map(stratum_of, maps))
         missed = {k: v - counts[k] for k, v in quota.items() if counts[k] < v}
+        kind, there, short = self.recipe.type.id, dict(sorted(counts.items())), wanted - len(taken)
         return taken, TypeReport(
-            self.recipe.type.id, split, dict(sorted(counts.items())), missed, wanted - len(taken),
-            dict(reasons.most_common()), dict(draws.most_common()),
-        )  # fmt: skip
+            kind, split, there, missed, short, dict(reasons.most_common()), dict(draws.most_common())
+        )
 
     def _built(
-        self, pick: list[PoolRow], split: str, counts: Counter[str], quota: dict[str, int], wanted: int,
-        taken: list[MapScenarios], places: list[tuple[float, float]],
-    ) -> Iterator[tuple[PoolRow, MapScenarios]]:  # fmt: skip
-        """Builds candidates a few ahead, and gives them back strictly in order, those only that are still needed."""
+        self, pick: list[PoolRow], split: str, taken: list[PoolRow], quota: dict[str, int], wanted: int
+    ) -> Iterator[tuple[PoolRow, MapScenarios]]:
+        """Builds candidates a few ahead, and gives them back strictly in order, those only that are still needed.
+
+        taken: the maps that are, to which the caller adds what it takes.
+        """
         apart = self.recipe.numbers.get("apart_m", APART_M)
         waiting = list(pick)
         running: list[tuple[PoolRow, Callable[[], dict[str, Any]]]] = []
 
         def needed(row: PoolRow, others: Sequence[PoolRow]) -> bool:
             """Would the row still be taken if `others` were?"""
-            stratum = stratum_of(row)
-            if len(taken) + len(others) >= wanted:
+            stratum, there = stratum_of(row), [*taken, *others]
+            if len(there) >= wanted:
                 return False
-            if quota and counts[stratum] + sum(stratum_of(o) == stratum for o in others) >= quota[stratum]:
+            if quota and sum(stratum_of(o) == stratum for o in there) >= quota[stratum]:
                 return False
-            there = [*places, *((o.east, o.north) for o in others)]
-            return all((row.east - e) ** 2 + (row.north - n) ** 2 >= apart**2 for e, n in there)
+            return all((row.east - o.east) ** 2 + (row.north - o.north) ** 2 >= apart**2 for o in there)
 
         while True:
             # How far ahead is the same for any number of workers: which maps are taken depends on it.
@@ -231,16 +230,13 @@ class TypeBuilder:
 
     def _start(self, row: PoolRow, split: str) -> Callable[[], dict[str, Any]]:
         stamp = hashlib.sha256(f"{self.key}|{split}|{row}".encode()).hexdigest()
-        workplace = self.request.workplace
-        return self.pool.start(
-            _build_one, self.recipe, row, split, self.request,
-            kept=CachedResult(workplace / self.recipe.type.id / f"{row.map_id}.json", stamp),
-            sound=lambda kept: _files_there(_scenarios_of(kept), workplace),
-        )  # fmt: skip
+        kept = CachedResult(self.request.workplace / self.recipe.type.id / f"{row.map_id}.json", stamp)
+        asked = (self.recipe, row, split, self.request)
+        return self.pool.start(_build_one, *asked, kept=kept, sound=self._files_there)
 
-
-def _files_there(site: MapScenarios, root: Path) -> bool:
-    return all((root / name).is_file() for row in site.rows for name in (row.net, row.additional))
+    def _files_there(self, kept: dict[str, Any]) -> bool:
+        named = (name for row in _scenarios_of(kept).rows for name in (row.net, row.additional))
+        return all((self.request.workplace / name).is_file() for name in named)
 
 
 def _reason_class(reason: str) -> str:
@@ -255,11 +251,10 @@ def build_scenarios(request: BuildRequest, progress: Progress) -> list[TypeRepor
     Raises InputError where the pool or the extracts are missing. A type for which the pool has too few maps is kept as
     far as it goes, and its report says what is short.
     """
-    catalog = load_catalog()
     rows = read_pool(pool_file())
     city = chosen_city()
     split_of = split_pool(rows, city.split)
-    recipes = [load_recipe(t, catalog) for t in request.types or recipe_types()]
+    recipes = load_recipes(request.types)
     reports: list[TypeReport] = []
     with worker_processes(request.workers, "building scenes") as pool:
         for split in (s for s in SPLITS if s in request.splits and s in city.maps):

@@ -14,11 +14,10 @@ from tsbench.dataset.maps.paths import made_pool
 from tsbench.dataset.scenes.build import BuildRequest, Progress, TypeReport, build_scenarios
 from tsbench.dataset.scenes.carried import carried
 from tsbench.dataset.scenes.overview import build_report
-from tsbench.dataset.scenes.recipe import Recipe, load_recipe, recipe_types
+from tsbench.dataset.scenes.recipe import load_recipes
 from tsbench.run.edition import editions, release_city
 from tsbench.scenarios.map_pool import read_pool
 from tsbench.scenarios.table import read_table, splits_there, table_path, write_scene_editions
-from tsbench.signs.catalog import load_catalog
 
 
 def build_city(
@@ -44,7 +43,9 @@ def build_city(
         on_progress(note)
     reports = build_scenarios(BuildRequest(types, osm, dataset_root() / "scenarios", workers), progress)
     if not any(read_table(table_path(split)) for split in splits_there()):
-        why = dict.fromkeys(c.why for c in carried(city, read_pool(pool), _recipes(types), build_report()))
+        why = dict.fromkeys(
+            c.why for c in carried(city, read_pool(pool), load_recipes(types), build_report())
+        )
         raise InputError(
             f"{city.name}: its {len(read_pool(pool)):,} maps carry no scenario: {next(iter(why))}"
             f"{f', and {len(why) - 1} more reasons' if len(why) > 1 else ''} (tsbench city show {city.name})"
@@ -53,8 +54,3 @@ def build_city(
     release_city(city.title)
     write_ground(osm)
     return reports
-
-
-def _recipes(types: tuple[str, ...]) -> list[Recipe]:
-    catalog = load_catalog()
-    return [load_recipe(type_id, catalog) for type_id in types or recipe_types()]

@@ -13,7 +13,6 @@ from tsbench.dataset.scenes.placed_plates import PlacedPlates, PlateHere
 from tsbench.dataset.scenes.scene_vehicles import RoutedVehicle
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import TARGET, SignInstance
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.scene_file import EGO_ID
 
 _KMH = 3.6
@@ -30,7 +29,7 @@ def broken_plates(scene: PlacedPlates, vehicle: RoutedVehicle) -> tuple[tuple[Si
     for plate in scene.plates:
         if vehicle.id == EGO_ID and plate.role == TARGET:
             continue
-        asks = _BROKEN.get(load_catalog().sign(plate.code).rule.name)
+        asks = _BROKEN.get(scene.catalog.sign(plate.code).rule.name)
         if asks is not None and vehicle.passes(edge=plate.edge, s=plate.position_m):
             why = asks(PlateHere(scene, plate), vehicle)
             found += [(plate, why)] if why else []

@@ -44,22 +44,23 @@ def _vehicle(
     name: str, vtype: str, lane_order: int, place: float, speed: float, edges: Sequence[str]
 ) -> etree._Element:
     """A vehicle that is there at time 0, its front at `place` (m along its lane), whatever SUMO thinks of it."""
-    vehicle = etree.Element(
-        "vehicle", id=name, type=vtype, depart="0", departLane=str(lane_order), departPos=_num(place),
-        departSpeed=_num(speed), insertionChecks="none",
-    )  # fmt: skip
-    etree.SubElement(vehicle, "route", edges=" ".join(edges))
+    vehicle = _entering(name, vtype, lane_order, _num(place), 0.0, edges, _num(speed))
+    vehicle.set("insertionChecks", "none")
     return vehicle
 
 
 def _entering(
-    name: str, vtype: str, lane_order: int, place: str, depart: float, edges: Sequence[str]
+    name: str,
+    vtype: str,
+    lane_order: int,
+    place: str,
+    depart: float,
+    edges: Sequence[str],
+    speed: str = "max",
 ) -> etree._Element:
-    """A vehicle that comes at a time (s), as fast as is safe."""
-    vehicle = etree.Element(
-        "vehicle", id=name, type=vtype, depart=_num(depart), departLane=str(lane_order), departPos=place,
-        departSpeed="max",
-    )  # fmt: skip
+    """A vehicle that comes at a time (s), by default as fast as is safe."""
+    at = {"depart": _num(depart), "departLane": str(lane_order), "departPos": place, "departSpeed": speed}
+    vehicle = etree.Element("vehicle", {"id": name, "type": vtype, **at})
     etree.SubElement(vehicle, "route", edges=" ".join(edges))
     return vehicle
 
@@ -90,9 +91,12 @@ def ego_elements(start: EgoStart, network: RoadNetwork, route: Sequence[str]) ->
 
 
 def convoy_elements(
-    drivers: Sequence[Driver], stands: Sequence[tuple[float, int, Sequence[str]]], vclass: str = "passenger",
-    abrupt: bool = False, departs: Sequence[float] = (),
-) -> list[etree._Element]:  # fmt: skip
+    drivers: Sequence[Driver],
+    stands: Sequence[tuple[float, int, Sequence[str]]],
+    vclass: str = "passenger",
+    abrupt: bool = False,
+    departs: Sequence[float] = (),
+) -> list[etree._Element]:
     """The convoy that the ego meets, first one in front. stands: of each its front's place, lane order and route.
 
     abrupt: they brake no sooner than they must. departs: as of a ConvoySetup.
@@ -130,7 +134,7 @@ def walker_elements(
     etree.SubElement(person, "stop", edge=way[0], endPos=_num(place[0]), duration=_num(wait))
     etree.SubElement(
         person, "walk", edges=" ".join(way), speed=_num(speed), departPosLat=_num(place[1]), arrivalPos="0"
-    )  # fmt: skip
+    )
     return vtype, person
 
 
@@ -159,7 +163,7 @@ def obstacle_elements(obstacles: Sequence[Obstacle], network: RoadNetwork) -> li
         rear = max(front - o.length, 0.0)
         etree.SubElement(
             vehicle, "stop", lane=lane.id, startPos=_num(rear), endPos=_num(front), duration="86400"
-        )  # fmt: skip
+        )
         elements += [vtype, vehicle]
     return elements
 

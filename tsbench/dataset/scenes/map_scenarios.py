@@ -23,7 +23,7 @@ from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.scenes.scene_files import OtherTraffic, SceneFileWriter
 from tsbench.dataset.scenes.traffic import lane_km
 from tsbench.dataset.scenes.variants import Variant, variants_of
-from tsbench.dataset.seeds import rng_of, seed_of
+from tsbench.dataset.seeds import rng_of
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.localization import LaneLocator
 from tsbench.roads.network import read_network
@@ -32,7 +32,6 @@ from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import Roads
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.scene import SceneFile
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
@@ -98,7 +97,7 @@ class SiteBuilder:
         self.placement = placement_of(recipe)
         self.sim, self.prover = sim, prover
         self._rejected: list[str] = []
-        self._type_of = {code: kind for kind in load_catalog().types for code in kind.codes}
+        self._type_of = {code: kind for kind in recipe.catalog.types for code in kind.codes}
 
     def build(self, row: PoolRow, source: SourceNetwork, split: str) -> MapScenarios:
         """All variants of a map, or the reason that it can't carry the type."""
@@ -180,7 +179,6 @@ class SiteBuilder:
         recipe, kind = self.recipe, self.recipe.type
         pair = f"{kind.id}-{row.map_id}-v{variant.number}"
         draw = f"{pair}~{attempt}"
-        seed = seed_of("scenario", draw)
         drivers = draw_drivers(rng_of("drivers", kind.id, row.map_id, max(variant.drivers, 0)))
 
         def task(half: str) -> SceneTask:
@@ -190,12 +188,13 @@ class SiteBuilder:
 
         def files(half: str, a: Arrangement) -> SceneFileWriter:
             path = folder / f"v{variant.number}{_ENDS[half]}.add.xml.gz"
-            return SceneFileWriter(self.sim, roads[half], path, a, a.drivers or drivers, seed, draw)
+            a = replace(a, drivers=a.drivers or drivers)
+            return SceneFileWriter(self.sim, roads[half], path, a, draw, recipe.catalog)
 
         def written(half: str, a: Arrangement, others: OtherTraffic) -> ScenarioSpec:
             writer = files(half, a)
             writer.write(others)
-            return self._row(row, roads[half], variant, split, seed, a, writer)
+            return self._row(row, variant, split, writer)
 
         there = task(SIGNED)
         halves = {SIGNED: self.placement.place(there)}
@@ -240,20 +239,18 @@ class SiteBuilder:
                 refused = refused or str(error)
         raise UnluckyDrawError(refused)
 
-    def _row(
-        self, row: PoolRow, roads: Roads, variant: Variant, split: str, seed: int, a: Arrangement,
-        files: SceneFileWriter,
-    ) -> ScenarioSpec:  # fmt: skip
+    def _row(self, row: PoolRow, variant: Variant, split: str, files: SceneFileWriter) -> ScenarioSpec:
+        a, net = files.a, files.roads.file
         target = next(s for s in a.signs if s.id == a.target)
         kind = self._type_of[target.code]
         return ScenarioSpec(
             scenario_id=f"{self.recipe.type.id}-{row.map_id}-v{variant.number}", scenario_type=kind.id,
             group=kind.group, sign_code=target.code, sign_value=target.value, map_id=row.map_id, family=row.family,
-            shape=row.shape, slot=row.slot, variant=variant.number, split=split, seed=seed,
+            shape=row.shape, slot=row.slot, variant=variant.number, split=split, seed=files.seed,
             initial_speed=a.start.speed, route_length=a.route_length, density=variant.density,
             drivers=variant.drivers, layout=variant.layout, horizon=self.recipe.horizon,
-            net=roads.file.path.relative_to(self.root).as_posix(),
-            additional=files.path.relative_to(self.root).as_posix(), net_sha256=sha256(roads.file.content),
+            net=net.path.relative_to(self.root).as_posix(),
+            additional=files.path.relative_to(self.root).as_posix(), net_sha256=sha256(net.content),
             additional_sha256=files.sha256,
         )  # fmt: skip
 

@@ -14,7 +14,6 @@ from tsbench.roads.lane_graph import LaneGraph
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.annotations import TARGET
-from tsbench.signs.places import load_places
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID
 
@@ -59,7 +58,7 @@ def lint_places(scene: Scene, graph: LaneGraph, scenario_id: str = "") -> tuple[
 def placed_plates(scene: Scene, graph: LaneGraph) -> PlacedPlates:
     """What decides where a loaded scene's plates can stand."""
     return PlacedPlates(
-        load_places(), plate_roads(graph), scene.signs, scene.obstacles, scene_vehicles(scene)
+        scene.catalog, plate_roads(graph), scene.signs, scene.obstacles, scene_vehicles(scene)
     )
 
 

@@ -10,8 +10,8 @@ from tsbench.dataset.scenes.plate_roads import PlateRoads, WayOn
 from tsbench.dataset.scenes.scene_vehicles import RoutedVehicle
 from tsbench.geometry.angles import LEFT, RIGHT
 from tsbench.signs.annotations import TARGET, SignInstance
-from tsbench.signs.catalog import Sign, load_catalog
-from tsbench.signs.places import PlaceTable
+from tsbench.signs.catalog import Catalog, Sign
+from tsbench.signs.places import PlaceTable, load_places
 from tsbench.sim.scene import Obstacle
 from tsbench.sim.scene_file import EGO_ID
 
@@ -24,11 +24,15 @@ ONE_WAY = ("5.7.1", "5.7.2")
 class PlacedPlates:
     """All that decides where plates can stand: roads, plates, obstacles and vehicles of one scene."""
 
-    table: PlaceTable
+    catalog: Catalog
     roads: PlateRoads
     plates: tuple[SignInstance, ...]
     obstacles: tuple[Obstacle, ...]
     vehicles: tuple[RoutedVehicle, ...]
+
+    @cached_property
+    def table(self) -> PlaceTable:
+        return load_places(self.catalog.root)
 
     @cached_property
     def at_line(self) -> Mapping[str, tuple[PlateHere, ...]]:
@@ -65,7 +69,7 @@ class PlateHere:
 
     @cached_property
     def sign(self) -> Sign:
-        return load_catalog().sign(self.plate.code)
+        return self.scene.catalog.sign(self.plate.code)
 
     @cached_property
     def ahead(self) -> WayOn:

@@ -12,7 +12,6 @@ from tsbench.geometry.angles import STRAIGHT, TURNS, U_TURN
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.reserved_lanes import is_reserved
 from tsbench.signs.annotations import TARGET, SignInstance
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.places import Place
 
 # Of the plates of both directions at one place: cosine of the least angle between them, and the widest road.
@@ -216,7 +215,7 @@ def _unused(here: PlateHere) -> str:
 
 def _entered(here: PlateHere) -> str:
     rule = here.sign.rule.name
-    targets = (load_catalog().sign(p.code) for p in here.scene.plates if p.role == TARGET)
+    targets = (here.scene.catalog.sign(p.code) for p in here.scene.plates if p.role == TARGET)
     return "" if any(sign.rule.name == rule for sign in targets) else _mouth(here)
 
 
@@ -246,7 +245,7 @@ def _begin(here: PlateHere) -> str:
             )
     if any(p.code == begin and p.value == plate.value and here.is_before(p) for p in here.scene.plates):
         return f"its {begin} stands behind it"
-    if behind.junction and load_catalog().sign(begin).rule.ends_at_junction:
+    if behind.junction and here.scene.catalog.sign(begin).rule.ends_at_junction:
         return f"no {begin} stands between the junction and it"
     return ""
 
@@ -299,7 +298,7 @@ def _both_ways(here: PlateHere) -> str:
     plate, roads = here.plate, here.scene.roads
     if roads.one_way(plate.edge):
         return ""
-    signs = load_catalog().signs
+    signs = here.scene.catalog.signs
     wanted = here.sign.ends or next((word for word in here.sign.rule.ended_by if word in signs), plate.code)
     most = here.scene.table.distances.beside_m
     cos, sin = math.cos(plate.heading), math.sin(plate.heading)

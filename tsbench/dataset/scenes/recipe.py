@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, TypedDict
 
@@ -12,7 +13,7 @@ from tsbench.core.benchmark import TEST_PER_TRAIN
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_file
 from tsbench.core.typed import read_sheet, typed
-from tsbench.signs.catalog import Catalog, ScenarioType
+from tsbench.signs.catalog import Catalog, ScenarioType, load_catalog
 
 _Few = Annotated[int, Meta(ge=1, le=20)]
 _Kmh = Annotated[float, Meta(ge=1, le=200)]
@@ -74,9 +75,11 @@ class Recipe(_Arrangement):
     as their names say. choices: lists to draw from. blind_baseline: the sign-blind driver that has to break the rule
     (docs/scenes.md, "Certificates"). violating_baseline: a driver that should break it in a draw, "" = none. It
     is asked for where traffic often ends the other's episode first. paired: have its rows a contrast half?
+    catalog: the signs and rules that scenes are made by.
     """
 
     type: ScenarioType
+    catalog: Catalog = field(repr=False, compare=False)
 
     def number(self, name: str) -> float:
         """One of the recipe's numbers. Raises InputError where the recipe lacks it."""
@@ -96,6 +99,12 @@ def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> R
     return read_sheet(_File, path, "type", lambda file: _recipe(file, catalog))
 
 
+def load_recipes(types: Iterable[str]) -> list[Recipe]:
+    """The recipes of some types, of all that have one where none is named. Raises InputError (file, key, problem)."""
+    catalog = load_catalog()
+    return [load_recipe(type_id, catalog) for type_id in types or recipe_types()]
+
+
 def _recipe(file: _File, catalog: Catalog) -> Recipe:
     numbers = {
         key: float(_named(f"numbers: {key}", _of_end(key), value)) for key, value in file.numbers.items()
@@ -107,7 +116,7 @@ def _recipe(file: _File, catalog: Catalog) -> Recipe:
                 raise ValueError(f"numbers: {name}: {value:g} is more than {other}, {numbers[other]:g}")
     for key, entries in file.choices.items():
         _named(f"choices: {key}", _CHOICES.get(key, list[str]), entries)
-    return Recipe(**{**vars(file), "numbers": numbers, "type": catalog.type(file.type)})
+    return Recipe(**{**vars(file), "numbers": numbers, "type": catalog.type(file.type), "catalog": catalog})
 
 
 def _of_end(name: str) -> Any:

@@ -17,7 +17,6 @@ from tsbench.dataset.placements.placement import (
     UnluckyDrawError,
 )
 from tsbench.dataset.scenes.demand_calibration import DemandCalibration
-from tsbench.dataset.scenes.drivers import Driver
 from tsbench.dataset.scenes.dry_run import lead_time, load_files
 from tsbench.dataset.scenes.elements import (
     background,
@@ -26,7 +25,7 @@ from tsbench.dataset.scenes.elements import (
     ego_elements,
     obstacle_elements,
     write_additional,
-)  # fmt: skip
+)
 from tsbench.dataset.scenes.lint import lint_scene
 from tsbench.dataset.scenes.placed_plates import PlacedPlates
 from tsbench.dataset.scenes.plate_roads import plate_roads
@@ -40,14 +39,14 @@ from tsbench.dataset.scenes.traffic import (
     shut_roads,
     standing_cars,
 )
-from tsbench.dataset.seeds import rng_of
+from tsbench.dataset.seeds import rng_of, seed_of
 from tsbench.roads.lane_graph import Turn
 from tsbench.scenarios.certificates import DENSITY_TOLERANCE
 from tsbench.scenarios.scene_loader import Roads
-from tsbench.signs.places import load_places
+from tsbench.signs.catalog import Catalog
 from tsbench.sim.ego import start_motion
-from tsbench.sim.scene import ConvoyPlan, SceneFile, SceneLayout
-from tsbench.sim.scene_file import layout_elements, read_layout, scene_from_layout
+from tsbench.sim.scene import ConvoyPlan, Scene, SceneFile, SceneLayout
+from tsbench.sim.scene_file import layout_elements, read_layout
 from tsbench.sim.sumo import Simulation
 
 DENSITY_GOAL = 0.1
@@ -67,14 +66,13 @@ class OtherTraffic:
 
 
 class SceneFileWriter:
-    """One half of a variant. drivers: of the background cars. name: of the draw, for what it draws."""
+    """One half of a variant, with its background drivers. name: of the draw, for what it draws."""
 
     def __init__(
-        self, sim: Simulation, roads: Roads, path: Path, arrangement: Arrangement, drivers: tuple[Driver, ...],
-        seed: int, name: str,
-    ) -> None:  # fmt: skip
-        self.sim, self.roads, self.path, self.a = sim, roads, path, arrangement
-        self.drivers, self.seed, self.name = drivers, seed, name
+        self, sim: Simulation, roads: Roads, path: Path, a: Arrangement, name: str, catalog: Catalog
+    ) -> None:
+        self.sim, self.roads, self.path, self.a = sim, roads, path, a
+        self.seed, self.name, self.catalog = seed_of("scenario", name), name, catalog
         self.trial = path.with_name(f"{path.name.partition('.')[0]}.trial.xml")
         self.sha256 = ""
 
@@ -98,7 +96,7 @@ class SceneFileWriter:
         root = etree.Element("additional")
         root.extend(self._elements(others or OtherTraffic((), 0.0, None)))
         vehicles = routed_vehicles(root=root, network=network, lawful=a.compliant_hint or a.route_hint)
-        return PlacedPlates(load_places(), plate_roads(self.roads.graph), a.signs, a.obstacles, vehicles)
+        return PlacedPlates(self.catalog, plate_roads(self.roads.graph), a.signs, a.obstacles, vehicles)
 
     def _elements(self, others: OtherTraffic) -> list[etree._Element]:
         a, network = self.a, self.roads.network
@@ -119,7 +117,7 @@ class SceneFileWriter:
         return layout_elements(layout, network) + list(a.extra) + obstacle_elements(a.obstacles, network)
 
     def _types(self) -> list[etree._Element]:
-        return driver_types(self.drivers)
+        return driver_types(self.a.drivers)
 
     def _convoy_elements(self, c: ConvoySetup) -> list[etree._Element]:
         lanes = [self.roads.network.lane(name) for name in c.lanes or (c.lane,) * len(c.places)]
@@ -149,7 +147,7 @@ class SceneFileWriter:
             return [], 0.0
         length = lane_km(network, a.closed_edges)
         ask = TrafficRequest(
-            asked, self.drivers, a.start, a.avoid_turns, a.quiet_edges, a.blocked, platoons=a.platoons,
+            asked, self.a.drivers, a.start, a.avoid_turns, a.quiet_edges, a.blocked, platoons=a.platoons,
             closed_edges=a.closed_edges, quiet_s=a.quiet_s,
         )  # fmt: skip
         goal = target = asked * length
@@ -204,8 +202,11 @@ class SceneFileWriter:
         a, network = self.a, self.roads.network
         lane = network.lane(a.start.lane)
         additional = SceneFile(self.path, read_plain(self.path, "scene file"))
-        layout = read_layout(self.path, additional.content)
-        scene = scene_from_layout(layout, network, self.roads.file, additional, 1, self.seed)
+        layout = read_layout(self.path, self.catalog, additional.content)
+        scene = Scene(
+            **vars(layout), catalog=self.catalog, net=self.roads.file, additional=additional, network=network,
+            horizon=1, seed=self.seed,
+        )  # fmt: skip
         for problem in lint_scene(scene, self.roads.graph):
             raise UnfitMapError(problem)
         self.sim.load_scene(scene)

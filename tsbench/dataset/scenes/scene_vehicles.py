@@ -48,10 +48,6 @@ def routed_vehicles(
         lane = network.edge_lanes(edges[0])[0]
         place = element.get("departPos", "base")
         first = 0.0 if place == "base" else float(place) * lane.line.length / lane.length
-        found.append(
-            RoutedVehicle(
-                id=name, vclass=kind.get("vClass", "passenger"), edges=edges, first_s=first,
-                speed=float(kind.get("maxSpeed", "inf")),
-            )
-        )  # fmt: skip
+        vclass, speed = kind.get("vClass", "passenger"), float(kind.get("maxSpeed", "inf"))
+        found.append(RoutedVehicle(id=name, vclass=vclass, edges=edges, first_s=first, speed=speed))
     return tuple(found)

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 from tsbench.dataset.city import chosen_city
 from tsbench.dataset.scenes.build import stratum_of
-from tsbench.dataset.scenes.recipe import load_recipe
+from tsbench.dataset.scenes.recipe import load_recipes
 from tsbench.dataset.scenes.split import split_pool
 from tsbench.scenarios.map_pool import pool_file, read_pool
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.signs.catalog import load_catalog
 
 # Of a routing type's test maps at most this share is to be from the generalised extract (docs/scenes.md).
 GOAL = 0.3
@@ -46,14 +45,13 @@ def tagging(specs: Sequence[ScenarioSpec]) -> list[Tagging]:
     """One entry per type and split, in alphabetical order. Raises InputError."""
     pool = read_pool(pool_file())
     known, split_of = {row.map_id: row for row in pool}, split_pool(pool, chosen_city().split)
-    catalog = load_catalog()
-    groups = {kind.id: kind.group for kind in catalog.types}
     used: dict[tuple[str, str], set[str]] = defaultdict(set)
     for spec in specs:
         used[(spec.pair_type, spec.split)].add(spec.map_id)
     found = []
+    recipes = {recipe.type.id: recipe for recipe in load_recipes({type_id for type_id, _ in used})}
     for (type_id, split), maps in sorted(used.items()):
-        recipe = load_recipe(type_id, catalog)
+        recipe = recipes[type_id]
         there = sum(
             row.well_tagged
             and row.family == recipe.type.family
@@ -62,5 +60,5 @@ def tagging(specs: Sequence[ScenarioSpec]) -> list[Tagging]:
             for row in pool
         )
         plain = sum(not known[one].well_tagged for one in maps)
-        found.append(Tagging(type_id, split, groups[type_id] == ROUTING, len(maps), plain, there))
+        found.append(Tagging(type_id, split, recipe.type.group == ROUTING, len(maps), plain, there))
     return found

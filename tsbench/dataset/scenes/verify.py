@@ -20,14 +20,12 @@ from tsbench.scenarios.map_pool import pool_file, read_pool
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.annotations import DISTRACTOR
-from tsbench.signs.catalog import load_catalog
 
 
 def verify_rows(
     specs: Sequence[ScenarioSpec], loader: SceneLoader, progress: Callable[[int], None]
 ) -> list[tuple[str, str]]:
     """(scenario id, problem) of every row that is not what it says; empty if all are sound."""
-    catalog = load_catalog()
     known = set(recipe_types())
     problems: list[tuple[str, str]] = []
     for k, spec in enumerate(specs):
@@ -36,7 +34,7 @@ def verify_rows(
         else:
             try:
                 scene, roads = loader.load(spec)
-                catalog.check_plates(
+                scene.catalog.check_plates(
                     spec.sign_code, {s.id: s.code for s in scene.signs if s.role != DISTRACTOR}, "scene"
                 )
                 found = (*lint_scene(scene, roads.graph), *lint_limits(roads.network, roads.view))

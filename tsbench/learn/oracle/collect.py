@@ -23,7 +23,6 @@ from tsbench.run.plan import Request, RunPlan, make_plan
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.run.session import ProgressListener, drive, probe, stop_on_signals
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.signs.catalog import load_catalog
 
 TRIES = 4
 LEAST_LEARNED_VARIANTS = 4
@@ -95,8 +94,7 @@ def collect(options: CollectOptions, watcher: ProgressListener) -> Collected:
         raise InputError(
             f"--learned-variants {options.learned_variants}: expected {LEAST_LEARNED_VARIANTS} to {VARIANTS}"
         )
-    catalog = load_catalog()
-    plan = make_plan(options.request, catalog)
+    plan = make_plan(options.request)
     effective = {"collection": KIND, "split": plan.request.split, "tries": options.tries}
     # Without rows: each line knows the row that it was driven on, so the table may grow.
     contract = basis()

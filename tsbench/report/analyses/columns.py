@@ -20,7 +20,7 @@ from tsbench.metrics.scd_records import CONTRASTED, PAIRED, PARTS, SIGNED_ONES, 
 from tsbench.planners.registry import EXPERT
 from tsbench.report.analyses.analysis import ALL, Cell, Column, Kind, Row, Value
 from tsbench.run.edition import editions
-from tsbench.signs.catalog import load_catalog
+from tsbench.run.plan import choose_types
 
 T = TypeVar("T", bound=Counted)
 # The figures of SCD as tables call them.
@@ -142,7 +142,7 @@ def is_whole(p: PlannerSummary, panel: str, contract: str) -> bool:
     if not is_of_study(contract):
         return False
     driven = p.scores[SIGNED_ONES].types if SIGNED_ONES in p.scores else {}
-    return all(kind.id in driven for kind in load_catalog().types if panel in (ALL, kind.group))
+    return all(kind in driven for kind in choose_types(() if panel == ALL else (panel,)))
 
 
 def scd_beside(p: PlannerSummary, panel: str, contract: str) -> float | None:

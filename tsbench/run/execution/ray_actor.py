@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import CITY, city_in_use
+from tsbench.core.paths import CITY, check_driven
 from tsbench.episode.trace import trace_path
 from tsbench.run.contract import code_hash
 from tsbench.run.edition import contract_now, standing_contract
@@ -130,6 +130,6 @@ def handshake(limits: Limits) -> bytes:
     """What an actor is told by the machine that the run is started on."""
     return encode(
         Handshake(
-            code_hash(), str(Path.cwd()), tuple(sys.path), os.environ.get(_DATA, ""), city_in_use(), limits
+            code_hash(), str(Path.cwd()), tuple(sys.path), os.environ.get(_DATA, ""), check_driven(), limits
         )
     )

@@ -103,8 +103,9 @@ class Decoder:
         if self._view is not None:
             assert isinstance(roads, RoadNetwork)
             assert told.sign is not None
-            sign = replace(told.sign, params=plate_params(told.sign.code, told.params, binds=False))
-            privilege = Privilege(sign, load_catalog().sign(sign.code).rule, roads, self._view)
+            rule = load_catalog().sign(told.sign.code).rule
+            sign = replace(told.sign, params=plate_params(rule.name, told.params, binds=False))
+            privilege = Privilege(sign, rule, roads, self._view)
             roads = self._view.map
         return PlannerContext(told.seed, roads, self._graph, told.destination, told.dt, privilege)
 
