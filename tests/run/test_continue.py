@@ -37,13 +37,6 @@ def whole(tmp_path_factory: pytest.TempPathFactory, make_data) -> Bench:
     return bench
 
 
-def test_two_workers_and_another_hash_seed(whole: Bench) -> None:
-    process = whole.start(*RUN, "--out", "two", "--workers", "2", PYTHONHASHSEED="77")
-    process.communicate(timeout=HANG_S)
-    assert process.returncode == 1
-    assert bytes_of(whole.folder / "two") == bytes_of(whole.folder / "whole")
-
-
 def test_killed_twice_and_continued(whole: Bench) -> None:
     folder = whole.folder / "killed"
     for lines in (1, 12):
@@ -60,8 +53,8 @@ def test_killed_twice_and_continued(whole: Bench) -> None:
     assert len(json.loads((folder / "run.json").read_text())["sessions"]) == 3
 
 
-def test_workers_killed_are_replaced(whole: Bench) -> None:
-    process = whole.start_paused(5, *RUN, "--out", "worker", "--workers", "2")
+def test_workers_killed_are_replaced_with_another_hash_seed_too(whole: Bench) -> None:
+    process = whole.start_paused(5, *RUN, "--out", "worker", "--workers", "2", PYTHONHASHSEED="77")
     for worker in workers_of(process):
         os.kill(worker, signal.SIGKILL)
     whole.go()
