@@ -96,7 +96,7 @@ class Bench:
             preexec_fn=_hold_ctrl_c,
         )  # fmt: skip
 
-    def start_paused(self, lines: int, *arguments: str) -> subprocess.Popen[str]:
+    def start_paused(self, lines: int, *arguments: str, **env: str) -> subprocess.Popen[str]:
         """A run that stands still with so many episodes finished, until it is killed or `go` is called.
 
         However slow the machine is: it neither comes late to that point nor goes past it.
@@ -104,7 +104,7 @@ class Bench:
         mark = Path(self.env["TSBENCH_TEST_MARK"])
         for suffix in (".paused", ".go"):
             mark.with_suffix(suffix).unlink(missing_ok=True)
-        process = self.start(*arguments, TSBENCH_TEST_PAUSE=str(lines))
+        process = self.start(*arguments, TSBENCH_TEST_PAUSE=str(lines), **env)
         try:
             eventually(mark.with_suffix(".paused").exists, process)
         except AssertionError:

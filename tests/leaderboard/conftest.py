@@ -38,7 +38,7 @@ def in_town(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
 def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
     def drive(out: Path) -> None:
         with using_city(TOWN):
-            tsbench.evaluate(["idm", "idm-e"], split="dev", out=out / "run", workers=2)
+            tsbench.evaluate(["idm", "idm-e"], split="dev", out=out / "run", workers=1)
 
     return made_once(tmp_path_factory, "submitted", drive) / "run"
 

@@ -60,7 +60,7 @@ def test_the_copied_tests_find_all_that_they_read(tmp_path: Path) -> None:
             shutil.copy(ROOT / name, tmp_path / name)
     done = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", *settings["pytest_add_cli_args"],
-         "-k", "stop or cut or (crop and yield)", *settings["pytest_add_cli_args_test_selection"]],
+         "-k", "twice_without_a_stop or cut or (crop and yield)", *settings["pytest_add_cli_args_test_selection"]],
         cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(tmp_path)}, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout

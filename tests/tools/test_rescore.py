@@ -17,7 +17,7 @@ from tsbench.run.log.read import read_run
 from tsbench.run.log.rescored import NAME, read_rescored, write_rescored
 from tsbench.tools.rescore import Rescore, rescore
 
-RUN = ["run", "--split", "test", "--types", "speed_limit", "--variants", "0", "--half", "signed", "--limit", "1",
+RUN = ["run", "--split", "dev", "--types", "speed_limit", "--variants", "0", "--half", "signed", "--limit", "1",
        "--trace", "all", "--workers", "1"]  # fmt: skip
 # Obeys the sign by standing, and arrives all the same: its process is that of the loop.
 CHEAT = """

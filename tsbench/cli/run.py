@@ -28,7 +28,6 @@ from tsbench.run.run_options import LEAST_MEMORY_MB, Options
 from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import RunResult
 from tsbench.run.session import run as run_session
-from tsbench.tools.rescore import rescore as rescore_run
 
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
@@ -131,6 +130,9 @@ def rescore(folder: Path) -> None:
 
     Exit code 1 and a list of episodes where they differ. RUN/rescored.json says so to reports.
     """
+    # It imports the rules, which the process of a run needs nowhere else.
+    from tsbench.tools.rescore import rescore as rescore_run
+
     result = rescore_run(folder)
     if result.note:
         click.echo(f"note: {result.note}", err=True)

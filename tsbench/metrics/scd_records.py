@@ -127,10 +127,8 @@ def _records(planner: str, table: Any) -> Records:
     if strange:
         raise InputError(f"episode records: {planner}: unknown outcome {strange[0]!r}")
     error = np.array([known[o] for o in outcomes], dtype=bool)
-    values = {}
-    for column in _FIGURES:
-        numbers = table[column].cast(pa.float64()).to_numpy(zero_copy_only=False)
-        values[column] = np.asarray(numbers, dtype=np.float64)
+    # Arrow's own way to numpy would import pandas, which takes longer than many an episode. None is NaN.
+    values = {column: np.array(table[column].to_pylist(), dtype=np.float64) for column in _FIGURES}
     for column in (c for c, metric in _FIGURES.items() if metric.failure is not None):
         holes = np.nonzero(np.isnan(values[column]) & ~error)[0]
         if len(holes):

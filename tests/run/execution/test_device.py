@@ -18,7 +18,7 @@ def devices(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, device: 
     log = tmp_path / f"{name}.log"
     monkeypatch.setenv("DEVICES_LOG", str(log))
     tsbench.evaluate(
-        [PLANNER], split="test", types=("yield",), limit=2, workers=2, trace="none", device=device,
+        [PLANNER], split="dev", types=("yield",), limit=2, workers=1, trace="none", device=device,
         out=tmp_path / name,
     )  # fmt: skip
     return {*log.read_text().split()}

@@ -109,8 +109,8 @@ def remount(disk: Path, options: str) -> None:
 
 
 def test_a_full_disk_loses_nothing_and_is_continued_when_there_is_room(bench: Bench, disk: Path) -> None:
-    run = [*RUN[:-1], "20", "--trace", "all", "--workers", "2"]
-    process = bench.start(*run, "--out", "disk/run")
+    run = [*RUN[:-1], "20", "--trace", "all"]
+    process = bench.start(*run, "--out", "disk/run", "--workers", "2")
     out, err = process.communicate(timeout=HANG_S)
     assert process.returncode == 2, (out, err)
     assert err.count("\n") == 1

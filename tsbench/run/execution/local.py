@@ -74,11 +74,12 @@ class Pool:
         """What each planner is, asked in a worker that has met no other: making one may change or end a process."""
         found: list[PlannerInfo] = []
         count = len(self._workers)
-        for first in range(0, len(specs), count):
+        # The first ones last: theirs are then there for the run's first episodes.
+        for first in reversed(range(0, len(specs), count)):
             some = specs[first : first + count]
             for slot, spec in enumerate(some):
                 self._untouched(slot, spec).send_probe(spec, device)
-            found += [self._await_probe(slot, spec) for slot, spec in enumerate(some)]
+            found[:0] = [self._await_probe(slot, spec) for slot, spec in enumerate(some)]
         return found
 
     def run(

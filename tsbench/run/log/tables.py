@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
+from pyarrow.json import ParseOptions, ReadOptions, read_json
 
 from tsbench.core.files import io_errors_as_input_errors, replacing, sha256_of
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, open_table
@@ -53,11 +55,20 @@ def tables_of(lines: Sequence[Mapping[str, Any]]) -> dict[str, pa.Table]:
 def _table(name: str, rows: list[dict[str, Any]]) -> pa.Table:
     """Rows as Arrow. A missing key or a null where none may be is a defect, and is said so."""
     schema = TABLES[name]
-    columns = [pa.array([row[field.name] for row in rows], type=field.type) for field in schema]
-    for field, column in zip(schema, columns, strict=True):
-        if not field.nullable and column.null_count:
-            raise ValueError(f"{name}: column {field.name} has {column.null_count} nulls")
-    return pa.Table.from_arrays(columns, schema=schema)
+    for field in schema:
+        nulls = sum(row[field.name] is None for row in rows)
+        if not field.nullable and nulls:
+            raise ValueError(f"{name}: column {field.name} has {nulls} nulls")
+    if not rows:
+        return schema.empty_table()
+    told = "\n".join(json.dumps({key: row[key] for key in schema.names}) for row in rows).encode("ascii")
+    # `pa.array` would import pandas, which takes longer than many an episode.
+    table = read_json(
+        pa.BufferReader(told),
+        ReadOptions(use_threads=False, block_size=len(told)),
+        ParseOptions(explicit_schema=schema),
+    )
+    return pa.Table.from_arrays(table.columns, schema=schema)
 
 
 def read_table(path: Path) -> pa.Table:
