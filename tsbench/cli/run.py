@@ -161,6 +161,7 @@ def _tell(ended: RunResult, console: Console) -> None:
     if ended.summary is not None:
         heads, rows = headline(ended.summary.planners)
         print_table(heads, rows, title=ended.summary.title)
+        lines.append(run_tables(ended.summary)[0].contract_line)
         lines += failures(read_table(ended.folder / "episodes.parquet"), ended.folder)
     lines += [f"{ended.finished} of {ended.asked} episodes finished, {ended.errors} with an error outcome"]
     if ended.finished < ended.asked:
