@@ -68,8 +68,8 @@ def _hold_ctrl_c() -> None:
 
 
 def _by_one_worker(arguments: tuple[str, ...]) -> list[str]:
-    """Each more takes half a second to start; tests about several ask for them."""
-    asked = arguments[0] != "run" or "--workers" in arguments
+    """Each more takes half a second to start; tests about several, or about a cluster, ask for them."""
+    asked = arguments[0] != "run" or not {"--workers", "--executor"}.isdisjoint(arguments)
     return [*arguments, *(() if asked else ("--workers", "1"))]
 
 
