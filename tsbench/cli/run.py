@@ -17,6 +17,7 @@ from tsbench.core.streams import progress_console
 from tsbench.report.analyses.analysis import to_markdown
 from tsbench.report.analyses.main_table import run_tables
 from tsbench.report.tables.run_ending import failures, headline
+from tsbench.run.edition import contract_line
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import EXECUTORS
 from tsbench.run.listener import KNOWN, make_listener
@@ -161,7 +162,7 @@ def _tell(ended: RunResult, console: Console) -> None:
     if ended.summary is not None:
         heads, rows = headline(ended.summary.planners)
         print_table(heads, rows, title=ended.summary.title)
-        lines.append(run_tables(ended.summary)[0].contract_line)
+        lines.append(contract_line(ended.summary.contract_hash))
         lines += failures(read_table(ended.folder / "episodes.parquet"), ended.folder)
     lines += [f"{ended.finished} of {ended.asked} episodes finished, {ended.errors} with an error outcome"]
     if ended.finished < ended.asked:

@@ -114,6 +114,11 @@ def edition_of(contract: str, told: object = "") -> str:
     return f"{said.removesuffix(LOCAL) or edition_now()}{LOCAL}"
 
 
+def contract_line(contract: str) -> str:
+    """A contract with its edition, as a run's end and tables name it."""
+    return f"edition {edition_of(contract)}, contract {contract}"
+
+
 def standing_contract(contract: str) -> str:
     """The contract that results are shown and compared under: the first published one that has the same results."""
     for edition in _all_editions():

@@ -392,25 +392,19 @@ def test_the_convoy_shows_what_it_does_when_the_ego_is_at_its_line(
     assert convoy.drivers[0].decel <= 3.5
 
 
-def test_a_convoy_has_room_to_come_up(networks: dict[Key, RoadNetwork]) -> None:
+@pytest.mark.parametrize(
+    ("number", "value", "words"),
+    [
+        ("convoy_least_m", 900.0, "the convoy's arm is"),
+        ("convoy_most_to_zone_m", 1.0, "no path of the ego meets, near its line"),
+        ("convoy_shows_s", 9.0, "shows what it does before the ego is at its line"),
+    ],
+)
+def test_a_convoy_that_cannot_meet_the_ego_is_none(
+    networks: dict[Key, RoadNetwork], number: str, value: float, words: str
+) -> None:
     key = ("yield", "X")
     task = task_of(networks[key], key, 0)
-    roomy = replace(task.recipe, numbers={**task.recipe.numbers, "convoy_least_m": 900.0})
-    with pytest.raises(UnfitMapError, match="the convoy's arm is"):
-        placement_of(roomy).place(replace(task, recipe=roomy))
-
-
-def test_a_convoy_whose_line_is_far_from_the_egos_way_is_none(networks: dict[Key, RoadNetwork]) -> None:
-    key = ("yield", "X")
-    task = task_of(networks[key], key, 0)
-    near = replace(task.recipe, numbers={**task.recipe.numbers, "convoy_most_to_zone_m": 1.0})
-    with pytest.raises(UnfitMapError, match="no path of the ego meets, near its line"):
-        placement_of(near).place(replace(task, recipe=near))
-
-
-def test_a_convoy_that_would_be_at_its_line_too_soon_is_none(networks: dict[Key, RoadNetwork]) -> None:
-    key = ("yield", "X")
-    task = task_of(networks[key], key, 0)
-    hasty = replace(task.recipe, numbers={**task.recipe.numbers, "convoy_shows_s": 9.0})
-    with pytest.raises(UnfitMapError, match="shows what it does before the ego is at its line"):
-        placement_of(hasty).place(replace(task, recipe=hasty))
+    other = replace(task.recipe, numbers={**task.recipe.numbers, number: value})
+    with pytest.raises(UnfitMapError, match=words):
+        placement_of(other).place(replace(task, recipe=other))

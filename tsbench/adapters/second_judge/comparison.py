@@ -110,10 +110,14 @@ def reasons(found: Sequence[Case]) -> str:
 
 def rows(found: Sequence[Case]) -> list[dict[str, Any]]:
     """One plain row for each case, for a CSV."""
-    plain = ("planner", "scenario_id", "clause", "ours")
     return [
-        {key: getattr(case, key) for key in plain}
-        | {f"theirs_{name}": case.theirs.get(name) for name in SPEED}
-        | {"why": "" if case.why == "published" else WHY[case.why]}
+        {
+            "planner": case.planner,
+            "scenario_id": case.scenario_id,
+            "clause": case.clause,
+            "ours": case.ours,
+            **{f"theirs_{name}": case.theirs.get(name) for name in SPEED},
+            "why": "" if case.why == "published" else WHY[case.why],
+        }
         for case in found
     ]

@@ -19,7 +19,7 @@ from rich.text import Text
 
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.text import csv_text
-from tsbench.run.edition import edition_of
+from tsbench.run.edition import contract_line
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -127,7 +127,7 @@ class Analysis:
 
     @property
     def contract_line(self) -> str:
-        return f"edition {edition_of(self.contract)}, contract {self.contract}" if self.contract else ""
+        return contract_line(self.contract) if self.contract else ""
 
 
 DASH = "–"
