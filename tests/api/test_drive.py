@@ -8,16 +8,8 @@ import pytest
 
 import tsbench
 from tsbench.core.errors import InputError
-from tsbench.run.stepped_episode import process_episode
 
 SCENARIO = min(one.scenario_id for one in tsbench.load_scenarios("dev", "yield"))
-
-
-@pytest.fixture(autouse=True)
-def free_simulation() -> object:
-    """Leaves this process without an episode under way."""
-    yield
-    process_episode().close()
 
 
 def straight(_: tsbench.Observation) -> tsbench.Control:

@@ -14,7 +14,6 @@ from patience import HANG_S
 import tsbench
 from tsbench.cli import cli
 from tsbench.core.errors import InputError
-from tsbench.run.stepped_episode import process_episode
 
 SCENARIO = min(one.scenario_id for one in tsbench.load_scenarios("dev", "yield"))
 PLANNER = """
@@ -27,12 +26,6 @@ class Mine:
         {deed}
         return Control(0.0, 0.0)
 """
-
-
-@pytest.fixture(autouse=True)
-def free_simulation() -> object:
-    yield
-    process_episode().close()
 
 
 def debug(*words: object) -> Result:

@@ -22,7 +22,6 @@ from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Control, Observation
 from tsbench.planners.registry import resolve
 from tsbench.planners.rl.actions import aim
-from tsbench.run.stepped_episode import process_episode
 from tsbench.scenarios.table import read_table, table_path
 
 STILL = np.zeros(2, dtype=np.float32)
@@ -75,7 +74,7 @@ def test_the_checker_of_stable_baselines_passes() -> None:
 
 def test_it_drives_what_a_run_drives(env: DriveEnv) -> None:
     row = next(r for r in read_table(table_path("test")) if r.scenario_type == "yield" and r.density > 0)
-    runner = EpisodeRunner(resolve(f"{__file__}:onward"), simulation=process_episode().simulation)
+    runner = EpisodeRunner(resolve(f"{__file__}:onward"))
     result = runner.run(row)
     _, told = env.reset(options={"scenario_id": row.scenario_id})
     assert told["scenario_id"] == row.scenario_id
@@ -226,7 +225,7 @@ def test_perception_reaches_what_is_seen() -> None:
 def test_a_plate_that_the_scene_has_no_column_for_is_named() -> None:
     made = DriveEnv(split="dev", types="speed_limit", observation="scene")
     made.reset(seed=0)
-    o = made.turn.observation
+    o = made.episode.observation
     foreign = replace(o, signs=(replace(o.signs[0], code="9.99"),))
     with pytest.raises(InputError, match=r"plate '9\.99': not in the catalogue"):
         made._seen.encode(foreign)

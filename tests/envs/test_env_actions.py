@@ -15,10 +15,10 @@ from tsbench.planners.rl.actions import accelerate, aim
 def test_an_unchanging_number_keeps_a_speed() -> None:
     env = DriveEnv(split="dev", types="speed_limit", half="contrast", action="cruise")
     env.reset(options={"scenario": min(env._by_id)})
-    first = env.turn.observation
+    first = env.episode.observation
     for _ in range(80):
         env.step(np.array([-0.36, 0.0], dtype=np.float32))
-    last = env.turn.observation
+    last = env.episode.observation
     env.close()
     assert first.ego.speed > 10.0
     assert last.ego.speed == pytest.approx(8.0, abs=0.1)

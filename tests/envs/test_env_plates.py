@@ -37,7 +37,7 @@ def test_halves_whose_plates_differ_are_shown_differently() -> None:
         plates = []
         for row in halves:
             env.reset(options={"scenario": row.scenario_id})
-            plates.append([shown(plate) for plate in env.turn.observation.signs])
+            plates.append([shown(plate) for plate in env.episode.observation.signs])
             tables.append({name: seen_by(name, env) for name in ("scene", "objects")})
         if plates[0] == plates[1]:
             continue  # The plate is not in sight yet.
@@ -52,17 +52,17 @@ def test_halves_whose_plates_differ_are_shown_differently() -> None:
 
 def seen_by(name: str, env: DriveEnv) -> Any:
     seen = KINDS[name]()
-    seen.reset(env.turn.context)
-    return seen.encode(env.turn.observation)
+    seen.reset(env.episode.context)
+    return seen.encode(env.episode.observation)
 
 
 def test_lanes_are_counted_from_the_egos() -> None:
     env = DriveEnv(split="dev", types="yield", half="signed")
     for scenario in sorted(env._by_id):
         env.reset(options={"scenario": scenario})
-        if any(lane.order > 1 for lane in env.turn.context.network.lanes):
+        if any(lane.order > 1 for lane in env.episode.context.network.lanes):
             break
-    turn, told = env.turn, AddressedLanes()
+    turn, told = env.episode, AddressedLanes()
     env.close()
     lanes, way = turn.context.network.lanes, turn.observation.route.path.edges
     told.reset(turn.context)
@@ -95,7 +95,7 @@ def test_plates_on_the_way_come_first() -> None:
     """Of more plates than there are rows none is lost that the ego has to read."""
     env = DriveEnv(split="dev", types="yield", half="signed")
     env.reset(options={"scenario": min(env._by_id)})
-    turn, seen = env.turn, SceneSeen()
+    turn, seen = env.episode, SceneSeen()
     env.close()
     plate, way = turn.observation.signs[0], turn.observation.route.path.edges
     ego = turn.observation.ego
@@ -110,7 +110,7 @@ def test_plates_on_the_way_come_first() -> None:
 def test_outlines_and_main_roads_are_in_the_tables() -> None:
     env = DriveEnv(split="dev", types="main_road", half="signed")
     env.reset(options={"scenario": min(env._by_id)})
-    turn, scene, objects = env.turn, SceneSeen(), ObjectsSeen()
+    turn, scene, objects = env.episode, SceneSeen(), ObjectsSeen()
     env.close()
     front = replace(
         turn.observation.signs[0], code="2.1", outline="diamond", main_road=(-math.pi / 2, math.pi)

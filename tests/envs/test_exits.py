@@ -13,11 +13,11 @@ from tsbench.envs.drive_env import DriveEnv
 
 def drive(env: DriveEnv, turn: float) -> dict[str, Any]:
     """Rolls on slowly, with one wish for the first turn; then it follows the navigation."""
-    first = env.turn.observation.ego.lane
+    first = env.episode.observation.ego.lane
     for _ in range(MAX_STEPS):
-        ego = env.turn.observation.ego
+        ego = env.episode.observation.ego
         wish = turn if ego.lane == first else 0.0
-        lane = env.turn.context.network.lanes[max(ego.lane, 0)]
+        lane = env.episode.context.network.lanes[max(ego.lane, 0)]
         slow = lane.internal or lane.line.length - ego.s < 15.0
         pull = np.clip(0.5 * ((4.0 if slow else 11.0) - ego.speed), -1.0, 1.0)
         _, _, terminated, truncated, info = env.step(np.array([pull, 0.0, wish], dtype=np.float32))
@@ -48,7 +48,7 @@ def test_with_the_navigations_own_turn_it_is_aim() -> None:
         numbers = np.zeros(2 if action == "aim" else 3, dtype=np.float32)
         for _ in range(40):
             env.step(numbers)
-        ego = env.turn.observation.ego
+        ego = env.episode.observation.ego
         same.append((ego.x, ego.y, ego.heading, ego.speed))
         env.close()
     assert same[0] == same[1]
@@ -58,7 +58,7 @@ def test_the_exits_are_from_right_to_left() -> None:
     env = DriveEnv(split="dev", types="direction_straight", action="exit")
     env.reset(seed=0)
     assert env._exit is not None
-    o = env.turn.observation
+    o = env.episode.observation
     exits = env._exit.exits(o.route.path.edges[0])
     assert o.route.path.edges[1] in exits
     turns = [env._exit._turn(o.route.path.edges[0], onward) for onward in exits]

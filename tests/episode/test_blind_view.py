@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -11,8 +10,9 @@ import pytest
 from simworld import simulation
 
 from tsbench.episode.blind_view import blind_bytes
-from tsbench.episode.runner import EpisodeLoop
+from tsbench.episode.episode import Episode
 from tsbench.planners.base import Observation, PlannerContext
+from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 
@@ -36,30 +36,27 @@ def pairs() -> list[Pair]:
 
 
 @pytest.fixture(scope="module")
-def loop() -> EpisodeLoop:
-    return EpisodeLoop(simulation=simulation())
+def loader() -> SceneLoader:
+    return SceneLoader()
 
 
-def first_look(loop: EpisodeLoop, row: ScenarioSpec, privileged: bool = False) -> Shown:
-    steps: Iterator[object] = loop.run_episode(row, "nobody", privileged)
-    context, observation = next(steps), next(steps)
-    assert isinstance(context, PlannerContext)
-    assert isinstance(observation, Observation)
-    return context, observation
+def first_look(loader: SceneLoader, row: ScenarioSpec, privileged: bool = False) -> Shown:
+    episode = Episode(row, privileged=privileged, simulation=simulation(), loader=loader)
+    return episode.context, episode.observation
 
 
-def test_fifty_pairs_are_the_same_bytes_without_their_plates(loop: EpisodeLoop, pairs: list[Pair]) -> None:
+def test_fifty_pairs_are_the_same_bytes_without_their_plates(loader: SceneLoader, pairs: list[Pair]) -> None:
     assert len(pairs) == PAIRS
     told = 0
     for signed, contrast in pairs:
-        one, other = first_look(loop, signed), first_look(loop, contrast)
+        one, other = first_look(loader, signed), first_look(loader, contrast)
         assert blind_bytes(*one) == blind_bytes(*other), signed.scenario_id
         told += [(s.code, s.value) for s in one[1].signs] != [(s.code, s.value) for s in other[1].signs]
     assert told > PAIRS / 2  # the plates tell; of the others' none is near enough yet
 
 
-def test_what_is_in_the_bytes_and_what_may_not_be(loop: EpisodeLoop, pairs: list[Pair]) -> None:
-    context, seen = next(look for signed, _ in pairs if (look := first_look(loop, signed))[1].signs)
+def test_what_is_in_the_bytes_and_what_may_not_be(loader: SceneLoader, pairs: list[Pair]) -> None:
+    context, seen = next(look for signed, _ in pairs if (look := first_look(loader, signed))[1].signs)
     same = blind_bytes(context, seen)
 
     def shown(**changes: Any) -> bytes:
@@ -84,4 +81,4 @@ def test_what_is_in_the_bytes_and_what_may_not_be(loop: EpisodeLoop, pairs: list
         with pytest.raises(ValueError, match="names a part"):
             shown(obstacles=(role,))
     with pytest.raises(ValueError, match="expert"):
-        blind_bytes(*first_look(loop, pairs[0][0], privileged=True))
+        blind_bytes(*first_look(loader, pairs[0][0], privileged=True))

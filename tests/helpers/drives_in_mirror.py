@@ -10,8 +10,8 @@ from simworld import simulation
 
 from tsbench import Control
 from tsbench.core.paths import MIRRORED, OWN_CITY, using_city
+from tsbench.episode.episode import Episode
 from tsbench.episode.outcome import EpisodeFacts, EpisodeResult
-from tsbench.episode.runner import EpisodeLoop
 from tsbench.planners.registry import resolve
 from tsbench.rules.events import Violation
 from tsbench.scenarios.mirror import mirrored_row
@@ -38,28 +38,21 @@ def drive(spec: ScenarioSpec, name: str, said: list[Control]) -> EpisodeResult:
     """An episode; what its planner said is added to `said`."""
     planner = resolve(name)
     driver = planner.factory()
-    steps = EpisodeLoop(simulation=simulation()).run_episode(spec, name, planner.privileged)
-    try:
-        driver.reset(next(steps))
-        seen = steps.send(None)
-        while True:
-            said.append(driver.act(seen))
-            seen = steps.send(said[-1])
-    except StopIteration as end:
-        return end.value
+    episode = Episode(spec, planner=name, privileged=planner.privileged, simulation=simulation())
+    driver.reset(episode.context)
+    while episode.result is None:
+        said.append(driver.act(episode.observation))
+        episode.step(said[-1])
+    return episode.result
 
 
 def replay(spec: ScenarioSpec, privileged: bool, said: list[Control]) -> EpisodeResult:
     """The same commands with the steering wheel turned the other way."""
-    steps = EpisodeLoop(simulation=simulation()).run_episode(spec, "mirrored", privileged)
-    try:
-        next(steps)
-        next(steps)
-        for command in said:
-            steps.send(replace(command, steering=-command.steering))
-    except StopIteration as end:
-        return end.value
-    pytest.fail(f"{spec.scenario_id}: goes on where the other drive ended")
+    episode = Episode(spec, planner="mirrored", privileged=privileged, simulation=simulation())
+    for command in said:
+        episode.step(replace(command, steering=-command.steering))
+    assert episode.result is not None, f"{spec.scenario_id}: goes on where the other drive ended"
+    return episode.result
 
 
 def in_mirror(heading: float) -> float:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from simworld import simulation
 
-from tsbench.episode.runner import EpisodeLoop
+from tsbench.episode.episode import Episode
 from tsbench.planners.base import Control, Observation, PlannerContext, Privilege, Trajectory
 from tsbench.planners.idm import Idm
 from tsbench.scenarios.table import read_table, table_path
@@ -115,22 +115,14 @@ class Keeping:
 
 def test_what_the_page_says_of_a_drive() -> None:
     planner = Keeping()
-    loop = EpisodeLoop(simulation=simulation())
     row = next(
         row for row in read_table(table_path("dev")) if row.scenario_type == "yield" and row.variant == 1
     )
-    steps = loop.run_episode(row, "idm")
-    context = next(steps)
-    assert isinstance(context, PlannerContext)
+    episode = Episode(row, simulation=simulation())
+    context = episode.context
     planner.reset(context)
-    o: object = steps.send(None)
-    try:
-        while len(planner.seen) < 60:
-            assert isinstance(o, Observation)
-            o = steps.send(planner.act(o))
-    except StopIteration:
-        pass
-    steps.close()
+    while episode.result is None and len(planner.seen) < 60:
+        episode.step(planner.act(episode.observation))
     assert [len(seen.history) for seen in planner.seen[:25]] == [*range(1, 21), *[20] * 5]
     first = planner.seen[0]
     assert (first.step, first.time, first.truth, context.dt) == (0, 0.0, None, 0.1)

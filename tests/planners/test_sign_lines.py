@@ -10,13 +10,14 @@ from typing import Any
 import pytest
 from simworld import simulation
 
+from tsbench.episode.episode import Episode
 from tsbench.episode.perception_level import Perception
-from tsbench.episode.runner import EpisodeLoop
 from tsbench.planners.base import Observation, PlannerContext, SignView
 from tsbench.planners.helpers import line_ahead, sign_ahead
 from tsbench.planners.idm import Idm
 from tsbench.rules.lines import ApproachLine
 from tsbench.rules.monitors import NullMonitor
+from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
@@ -58,18 +59,15 @@ def judged(monitor: Any, ego: EgoState) -> float | None:
     return None if front is None else begin - front
 
 
-def looks_of(loop: EpisodeLoop, row: ScenarioSpec) -> Iterator[Look]:
-    planner, steps = Idm(), loop.run_episode(row, "idm")
-    context = next(steps)
-    assert isinstance(context, PlannerContext)
+def looks_of(loader: SceneLoader, row: ScenarioSpec) -> Iterator[Look]:
+    planner, episode = Idm(), Episode(row, simulation=simulation(), loader=loader)
+    context = episode.context
     planner.reset(context)
-    asked: object = steps.send(None)
-    episode = loop.episode
-    assert episode is not None
     target = episode.scene.target_sign
     for tick in range(TICKS.stop):
-        o = asked
-        assert isinstance(o, Observation)
+        if episode.result is not None:
+            return
+        o = episode.observation
         for sign in (s for s in o.signs if s.code) if tick in TICKS else ():
             own = (sign.x, sign.y, sign.code) == (target.x, target.y, target.code)
             yield Look(
@@ -78,11 +76,7 @@ def looks_of(loop: EpisodeLoop, row: ScenarioSpec) -> Iterator[Look]:
                 _place(context, o, sign),
                 judged(episode.monitors.target, episode.snapshots[-1].ego) if own else None,
             )  # fmt: skip
-        try:
-            asked = steps.send(planner.act(o))
-        except StopIteration:
-            return
-    steps.close()
+        episode.step(planner.act(o))
 
 
 def _place(context: PlannerContext, o: Observation, sign: SignView) -> float:
@@ -96,9 +90,9 @@ def _place(context: PlannerContext, o: Observation, sign: SignView) -> float:
 
 @pytest.fixture(scope="module")
 def looks() -> list[Look]:
-    loop = EpisodeLoop(simulation=simulation())
+    loader = SceneLoader()
     rows = [row for row in read_table(table_path("dev")) if row.variant == 0]
-    return [look for row in rows for look in looks_of(loop, row)]
+    return [look for row in rows for look in looks_of(loader, row)]
 
 
 def wide(look: Look) -> bool:
@@ -145,12 +139,8 @@ def test_plates_beside_another_road_are_told_by_their_edge_alone(looks: list[Loo
 
 
 def test_a_masked_plate_has_no_line() -> None:
-    loop = EpisodeLoop(simulation=simulation(), perception=Perception(masked=True))
     row = next(row for row in read_table(table_path("dev")) if row.scenario_type == "stop")
-    steps = loop.run_episode(row, "nobody")
-    context, o = next(steps), next(steps)
-    steps.close()
-    assert isinstance(context, PlannerContext)
-    assert isinstance(o, Observation)
+    episode = Episode(row, perception=Perception(masked=True), simulation=simulation())
+    context, o = episode.context, episode.observation
     assert o.signs
     assert {line_ahead(context, o, sign) for sign in o.signs} == {math.inf}

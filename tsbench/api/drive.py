@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,13 +14,13 @@ from tsbench.api.words import keywords
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.core.paths import check_driven, driving, expanded_text
-from tsbench.episode.outcome import EpisodeResult
+from tsbench.episode.episode import Episode
 from tsbench.episode.perception_level import EXACT, EXACTLY, Perception, load_level
+from tsbench.episode.trace import Trace
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
 from tsbench.planners.helpers import sign_ahead
 from tsbench.planners.registry import FunctionPlanner, resolve
 from tsbench.run.log.record import make_record
-from tsbench.run.stepped_episode import Step, process_episode
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, splits_there, table_path
@@ -43,24 +43,23 @@ class Drive:
     """One episode, driven as `tsbench run` drives it, in this process: an exception of the planner is raised where it
     happens, so breakpoints and debuggers work.
 
-    context: what the planner was told at the start. observation: what it is shown at this tick, None once the episode
-    is over. answer: what it returned at the tick before. One at a time: a new one ends the one before.
+    context: what the planner was told at the start. answer: what it returned at the tick before. One at a time: a new
+    one ends the one before.
     """
 
     def __init__(self, planner: Given | Planner, row: ScenarioSpec, perception: Perception = EXACTLY) -> None:
         """Raises InputError for no planner and for a scene that does not load; else what the constructor raises."""
         self.row, self._city = row, check_driven()
         self.answer: Control | Trajectory | None = None
-        self.observation: Observation | None = None
-        self._result: EpisodeResult | None = None
-        self._ticks = 0
-        self._driver = _driver_of(planner)
-        d = self._driver
-        step = process_episode().begin(row, self, perception, d.name, d.privileged, d.floor)
-        if isinstance(step, EpisodeResult):
-            raise InputError(f"{row.scenario_id}: {step.error}")
-        self.context: PlannerContext = step.context
-        self._take(step)
+        self._driver = d = _driver_of(planner)
+        self._episode = Episode(
+            row, planner=d.name, privileged=d.privileged, floor=d.floor, perception=perception
+        )
+        if self._episode.result is not None:
+            raise InputError(
+                f"{row.scenario_id}: {self._episode.result.error or self._episode.result.outcome}"
+            )
+        self.context: PlannerContext = self._episode.context
         d.planner.reset(self.context)
 
     @property
@@ -69,25 +68,32 @@ class Drive:
         return self._driver.planner
 
     @property
+    def observation(self) -> Observation | None:
+        """What the planner is shown at this tick, None once the episode is over."""
+        return self._episode.observation if self._episode.result is None else None
+
+    @property
     def time(self) -> float:
         """Seconds since the start."""
-        return self._ticks * self.context.dt
+        return len(self._episode.commands) * self.context.dt
 
     @property
     def outcome(self) -> str | None:
         """How it ended, None while it goes on."""
-        return None if self._result is None else str(self._result.outcome)
+        result = self._episode.result
+        return None if result is None else str(result.outcome)
 
     @property
     def violations(self) -> tuple[str, ...]:
         """The clauses of what is held against it so far, once per event, needless obedience included."""
         self._check_present()
-        return process_episode().against()
+        return self._episode.judged().against
 
     @property
     def record(self) -> dict[str, Any] | None:
         """Its row in `episodes.parquet`, None while it goes on."""
-        return None if self._result is None else dict(make_record(self._result, self._driver.privileged).row)
+        result = self._episode.result
+        return None if result is None else dict(make_record(result, self._driver.privileged).row)
 
     def step(self, answer: Control | Trajectory | None = None) -> bool:
         """Ask the planner, and drive one tick with what it says; False once the episode is over.
@@ -95,30 +101,27 @@ class Drive:
         answer: drive with this, and do not ask. Raises what the planner raises; then the same tick can be asked again.
         """
         self._check_present()
-        if self.observation is None:
-            return False
-        self.answer = self._driver.planner.act(self.observation) if answer is None else answer
-        self._take(process_episode().drive(self.answer))
-        self._ticks += 1
-        return self.observation is not None
+        episode = self._episode
+        if episode.result is None:
+            self.answer = self._driver.planner.act(episode.observation) if answer is None else answer
+            episode.step(self.answer)
+        return episode.result is None
 
     def run(self, until: float = math.inf) -> Drive:
         """Steps up to a time (s), or to the end; itself."""
-        while self.observation is not None and self.observation.time < until - self.context.dt / 2.0:
+        while self.outcome is None and self.time < until - self.context.dt / 2.0:
             self.step()
         return self
 
     def look(self) -> str:
         """What the planner is shown at this tick, in words, and what it answered at the one before."""
         self._check_present()
-        seen = self.observation
+        seen, result, record = self.observation, self._episode.result, self.record
         if seen is None:
-            record = self.record
-            assert self._result is not None
+            assert result is not None
             assert record is not None
-            passed = record["scd"]
-            error = f": {self._result.error}" if self._result.error else ""
-            return f"over: {self.outcome}{error}; {'passed' if passed else 'not passed'}; {self._against()}"
+            error = f": {result.error}" if result.error else ""
+            return f"over: {self.outcome}{error}; {'passed' if record['scd'] else 'not passed'}; {self._against()}"
         return "\n".join([*_told(seen, self.context), f"answered: {_said(self.answer)}", self._against()])
 
     @property
@@ -128,27 +131,19 @@ class Drive:
         shown, paint, render = map(
             load, ("tsbench.api.shown", "tsbench.report.drawing.paint", "tsbench.report.scene_pictures")
         )
-        trace, over = process_episode().trace(), self._result is not None
-        if self._result is not None:
-            trace = replace(trace, outcome=self._result.outcome, error=self._result.error)
+        trace, under_way = Trace.so_far(self._episode), self._episode.result is None
         with driving(self._city):
-            drawn = render.moment(trace, load_scene(self.row), trace.snapshots[-1].time, under_way=not over)
+            drawn = render.moment(trace, load_scene(self.row), trace.snapshots[-1].time, under_way=under_way)
         return shown.Picture(paint.png_bytes(drawn))
 
     def __repr__(self) -> str:
         return f"Drive({self._driver.name}/{self.row.scenario_id}, {self.outcome or 'under way'})"
 
-    def _take(self, step: Step | EpisodeResult) -> None:
-        if isinstance(step, EpisodeResult):
-            self._result, self.observation = step, None
-        else:
-            self.observation = step.observation
-
     def _against(self) -> str:
         return f"against it: {', '.join(self.violations) or 'nothing'}"
 
     def _check_present(self) -> None:
-        if process_episode().driver is not self:
+        if not self._episode.is_current:
             raise InputError(f"{self!r}: another episode has begun since, and this process has one at a time")
 
 

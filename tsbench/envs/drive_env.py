@@ -25,17 +25,19 @@ from tsbench.envs.encoders import KINDS, PLAIN
 from tsbench.envs.exits import EXIT, ExitAction
 from tsbench.envs.reward import SIGNS, RewardSpec, RouteReward
 from tsbench.envs.view import View
+from tsbench.episode.episode import Episode, Judged
 from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.perception_level import EXACT, Perception, load_level
 from tsbench.metrics.episode_metrics import is_scd, route_completion
 from tsbench.metrics.tracks import tracks_of
-from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.base import Control, Observation
 from tsbench.run.arguments import switch, text, type_words, whole_number
 from tsbench.run.plan import BOTH, VARIANTS, choose_half, choose_types, choose_variants
-from tsbench.run.stepped_episode import Judged, Step, process_episode
+from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
 from tsbench.scenarios.table import SPLITS, read_table, table_path
+from tsbench.sim.sumo import Simulation
 
 # Times that a row of a type in `more` is in the draw.
 _MORE = 3
@@ -110,27 +112,29 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._act = PLAIN.get(action)
         self._perception = Perception(masked, load_level(expanded_text(str(perception))))
         self._view: View | None = None
-        self._context: PlannerContext | None = None
         self._weigh: Reward | None = None
         if reward is None or isinstance(reward, RewardSpec):
             self._reward_spec = RewardSpec() if reward is None else reward
         else:
             self._reward_spec, self._weigh = SIGNS, reward
         self._reward: RouteReward
-        self._turn: Step | None = None
+        self._episode: Episode | None = None
         self._last: Observation | None = None
         self.observation_space = self._seen.space
         self.action_space = spaces.Box(-1.0, 1.0, (2 if self._exit is None else 3,), np.float32)
 
     def _make_encoders(self) -> None:
-        """What turns observations and actions of one episode."""
+        """What turns observations and actions of one episode, and what loads it."""
+        self._simulation = Simulation()
+        with driving(self._city):
+            self._loader = SceneLoader()
         self._seen = KINDS[self._kind]()
         self._exit = ExitAction() if self._to_exits else None
 
     def __getstate__(self) -> dict[str, Any]:
         """For `copy` and `pickle`: options and random generator, but no episode, as SUMO's cannot be copied."""
-        episode = dict.fromkeys(("_turn", "_last", "_view", "_context"))
-        return {**self.__dict__, **episode, "_seen": None, "_exit": None, "_reward": None}
+        own = ("_episode", "_last", "_view", "_simulation", "_loader", "_seen", "_exit", "_reward")
+        return self.__dict__ | dict.fromkeys(own)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
@@ -146,26 +150,28 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         super().reset(seed=seed)
         rows = self._asked(options or {})
         row = rows[int(self.np_random.integers(len(rows)))] if len(rows) > 1 else rows[0]
+        self._episode = None
         with driving(self._city):
-            turn = process_episode().begin(row, self, self._perception)
-        if isinstance(turn, EpisodeResult):
-            raise SimulationError(f"{row.scenario_id}: {turn.error or turn.outcome}")
-        self._seen.reset(turn.context)
+            episode = Episode(
+                row, perception=self._perception, simulation=self._simulation, loader=self._loader
+            )
+        if episode.result is not None:
+            raise SimulationError(f"{row.scenario_id}: {episode.result.error or episode.result.outcome}")
+        self._seen.reset(episode.context)
         if self._exit is not None:
-            self._exit.reset(turn.context)
-        self._view, self._context = None, turn.context
-        self._last = turn.observation
-        self._turn = turn
-        self._reward = RouteReward(turn.observation, self._reward_spec)
+            self._exit.reset(episode.context)
+        self._episode, self._view, self._last = episode, None, episode.observation
+        self._reward = RouteReward(self._last, self._reward_spec)
         self._counts = (0, 0)
         info = {"scenario_id": row.scenario_id, "scenario_type": row.scenario_type, "half": row.half}
-        info |= _so_far(process_episode().judged())
+        info |= _so_far(episode.judged())
         self._show()
-        return self._seen.encode(turn.observation), info
+        return self._seen.encode(self._last), info
 
     def step(self, action: npt.NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """`hold` ticks with one action, or fewer up to the episode's end."""
-        if self._turn is None or process_episode().driver is not self:
+        episode = self._episode
+        if episode is None or episode.result is not None or not episode.is_current:
             raise gymnasium.error.ResetNeeded(
                 "no episode: reset first (libsumo has one simulation per process, which another environment of this "
                 'process may have taken; make_vec(…, vectorization_mode="async"), '
@@ -176,16 +182,14 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             raise ValueError(f"action {', '.join(map(str, numbers))} is not finite")
         earned = dict.fromkeys(_TERMS, 0.0)
         for _ in range(self._hold):
-            turn = process_episode().drive(self._command(numbers, self._turn.observation))
-            if isinstance(turn, EpisodeResult):
-                return self._over(turn, self._turn.observation, earned)
-            self._turn = turn
-            earned["progress"] += self._reward.tick(turn.observation)
-        self._last = self._turn.observation
+            episode.step(self._command(numbers, episode.observation))
+            if episode.result is not None:
+                return self._over(episode, episode.result, earned)
+            earned["progress"] += self._reward.tick(episode.observation)
+        self._last = episode.observation
         self._show()
-        judged = process_episode().judged()
-        reward, info = self._told(earned, judged)
-        return self._seen.encode(self._turn.observation), reward, False, False, info
+        reward, info = self._told(earned, episode.judged())
+        return self._seen.encode(self._last), reward, False, False, info
 
     def _command(self, numbers: list[float], observation: Observation) -> Control:
         if self._exit is not None:
@@ -208,8 +212,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     def _drawn(self) -> View:
         """Made for the first picture: without pictures it costs nothing."""
         if self._view is None:
-            assert self._context is not None
-            self._view = View(self._context)
+            self._view = View(self.episode.context)
         return self._view
 
     def _asked(self, options: Mapping[str, Any]) -> list[ScenarioSpec]:
@@ -240,37 +243,32 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         return reward, {"reward_terms": earned, **_so_far(judged)}
 
     @property
-    def turn(self) -> Step:
-        """What a planner would be shown now. Raises ResetNeeded between episodes."""
-        if self._turn is None:
+    def episode(self) -> Episode:
+        """The episode under way, or over. Raises ResetNeeded before the first."""
+        if self._episode is None:
             raise gymnasium.error.ResetNeeded("no episode: reset first")
-        return self._turn
+        return self._episode
 
     def _over(
-        self, result: EpisodeResult, before: Observation, earned: dict[str, float]
+        self, episode: Episode, result: EpisodeResult, earned: dict[str, float]
     ) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """The end: a simulation that broke off counts as cut short, and says why in `info`."""
-        self._turn = None
-        last, info = before, {"outcome": str(result.outcome), "error": result.error}
+        info = {"outcome": str(result.outcome), "error": result.error}
+        self._last = episode.observation
         if result.facts is not None:
-            last = process_episode().last_view()
-            earned["progress"] += self._reward.tick(last)
+            self._last = episode.look()
+            earned["progress"] += self._reward.tick(self._last)
             info |= _verdict(result)
         earned["end"] = self._reward.end(result.outcome)
-        reward, told = self._told(earned, self._final(result))
+        reward, told = self._told(earned, episode.judged())
         ended = result.outcome in _ENDS
-        self._last = last
         self._show()
-        return self._seen.encode(last), reward, ended, not ended, info | told
-
-    def _final(self, result: EpisodeResult) -> Judged:
-        return process_episode().judged() if result.facts is None else Judged.of(result.facts)
+        return self._seen.encode(self._last), reward, ended, not ended, info | told
 
     def close(self) -> None:
         """End the episode, and SUMO with it."""
-        self._turn = None
-        if process_episode().driver is self:
-            process_episode().close()
+        self._episode = None
+        self._simulation.close()
 
 
 def _so_far(judged: Judged) -> dict[str, Any]:

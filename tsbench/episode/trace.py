@@ -25,6 +25,7 @@ from tsbench.core.parquet import OSM_LICENCE, check_size
 from tsbench.core.text import one_line
 from tsbench.core.typed import typed
 from tsbench.episode.command import Plan
+from tsbench.episode.episode import Episode
 from tsbench.episode.observation import destination_on_map, ego_on_map
 from tsbench.episode.outcome import Contact, EpisodeFacts, EpisodeResult, Outcome, counted_against
 from tsbench.episode.perception import SignDetection
@@ -67,6 +68,27 @@ class Trace:
     wrong_way: tuple[Violation, ...] = ()
     plans: tuple[Plan | None, ...] = ()
     told: tuple[SignDetection, ...] = ()
+
+    @classmethod
+    def so_far(cls, episode: Episode) -> Trace:
+        """An episode up to its present tick, for pictures; an excursion that goes on is no event yet."""
+        m, over = episode.monitors, episode.result
+        return cls(
+            spec=episode.spec,
+            planner=episode.planner,
+            outcome=Outcome.TIMEOUT if over is None else over.outcome,
+            error="" if over is None else over.error,
+            contact=None,
+            target=m.target.log.verdict(m.target.engaged),
+            others=tuple(one.log.verdict(one.engaged) for one in m.others),
+            start_remaining_m=episode.start_remaining,
+            snapshots=list(episode.snapshots),
+            commands=np.array(episode.commands, np.float64).reshape(-1, 2),
+            needless=tuple(v for one in m.needless for v in one.log.verdict(one.engaged).violations),
+            wrong_way=m.wrong_way.log.verdict(m.wrong_way.engaged).violations,
+            plans=plan_of_each_tick(tuple(episode.plans), len(episode.snapshots)),
+            told=tuple(episode.observer.told),
+        )
 
     @property
     def events(self) -> list[Violation]:

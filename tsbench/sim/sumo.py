@@ -151,7 +151,12 @@ class Simulation:
 
     @property
     def table(self) -> ActorTable:
+        """The road users of the scene that was loaded last."""
         return self._table
+
+    def holds(self, table: ActorTable) -> bool:
+        """Is the scene with these road users the one in SUMO?"""
+        return _LIBRARY.holder is self and self._table is table
 
     def start_ego(self, motion: Motion, edge: str, lane_order: int) -> None:
         """First step: SUMO inserts what departs at time 0; then the ego is taken over."""

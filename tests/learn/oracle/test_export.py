@@ -25,7 +25,6 @@ from tsbench.learn.oracle.trajectories import (
     write_trajectories,
 )
 from tsbench.planners.registry import LoadedPlanner, resolve
-from tsbench.run.stepped_episode import process_episode
 from tsbench.scenarios.spec import HALVES
 from tsbench.scenarios.table import read_table, table_path
 
@@ -33,9 +32,7 @@ from tsbench.scenarios.table import read_table, table_path
 def driven(half: str) -> Recorded:
     row = next(r for r in read_table(table_path("dev")) if r.pair_type == "speed_limit" and r.half == half)
     planner = QuantisedPlanner(resolve("idm").factory)
-    result = EpisodeRunner(
-        LoadedPlanner("idm", lambda: planner), simulation=process_episode().simulation
-    ).run(row)
+    result = EpisodeRunner(LoadedPlanner("idm", lambda: planner)).run(row)
     assert result.facts is not None
     ego, others = fingerprints(result.facts.snapshots)
     return Recorded(

@@ -83,7 +83,7 @@ def test_the_policy_learns_what_the_teacher_says() -> None:
 def test_the_teacher_sees_what_a_planner_sees() -> None:
     taught = DaggerWrapper(DriveEnv(split="test"))
     taught.reset(options={"scenario_id": sorted(taught.unwrapped._by_id)[0]})
-    turn = taught.unwrapped.turn
+    turn = taught.unwrapped.episode
     idm = Idm()
     idm.reset(turn.context)
     wanted = idm.act(turn.observation).acceleration

@@ -21,13 +21,13 @@ from tsbench.dataset.certify.pair import (
 )
 from tsbench.dataset.certify.sanity import arrival_gap, overlapping_pairs, road_users
 from tsbench.dataset.certify.watching import Habit, Watcher, braking_to_meet, drawn_habits
+from tsbench.episode.episode import Episode
 from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.base import Control, Trajectory
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run.contract import SCORING
-from tsbench.run.stepped_episode import Step, SteppedEpisode
 from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
@@ -69,7 +69,6 @@ class Certifier:
 
     def __init__(self, simulation: Simulation, loader: SceneLoader) -> None:
         self._simulation, self._loader = simulation, loader
-        self._stepped = SteppedEpisode(simulation, loader)
         self._loaded: dict[str, LoadedPlanner] = {}
         self._proofs: dict[str, _Proof] = {}
 
@@ -178,7 +177,8 @@ class Certifier:
         watcher = Recorder(Watcher(habit, approach))
         early: list[WorldSnapshot] = []
 
-        def may_show(now: WorldSnapshot) -> bool:
+        def may_show(episode: Episode) -> bool:
+            now = episode.snapshots[-1]
             may = showing.may(approach.to_line(now.ego), now.ego.speed)
             early[now.step :] = () if may else (now,)
             return may
@@ -203,7 +203,8 @@ class Certifier:
         """
         found: list[WorldSnapshot] = []
 
-        def is_over(now: WorldSnapshot) -> bool:
+        def is_over(episode: Episode) -> bool:
+            now = episode.snapshots[-1]
             found[:] = [one for one in ticks[now.step : now.step + 1] if others_differ(one, now)]
             return bool(found) or now.step + 1 >= len(ticks)
 
@@ -212,30 +213,34 @@ class Certifier:
 
     def _passes(self, planner: LoadedPlanner, spec: ScenarioSpec) -> bool:
         """Does its episode get SCD? At the first event that counts against it, the answer is known."""
-        result = self._run_until(planner, spec, lambda _: bool(self._stepped.against()))
+        result = self._run_until(planner, spec, lambda now: bool(now.judged().against))
         return result is not None and _is_passed(result)
 
     def _run_until(
-        self, planner: LoadedPlanner, spec: ScenarioSpec, is_over: Callable[[WorldSnapshot], bool]
+        self, planner: LoadedPlanner, spec: ScenarioSpec, is_over: Callable[[Episode], bool]
     ) -> EpisodeResult | None:
         """An episode; None where it was broken off at a tick that `is_over`, before the planner was asked.
 
         The last tick is shown to `is_over`, too. Raises what the planner raises.
         """
-        driver, stepped = planner.factory(), self._stepped
-        step = stepped.begin(
-            spec, driver, name=planner.name, privileged=planner.privileged, floor=planner.floor
+        driver = planner.factory()
+        episode = Episode(
+            spec,
+            planner=planner.name,
+            privileged=planner.privileged,
+            floor=planner.floor,
+            simulation=self._simulation,
+            loader=self._loader,
         )
-        if isinstance(step, Step):
-            driver.reset(step.context)
-        while isinstance(step, Step):
-            if is_over(stepped.snapshot):
-                stepped.end()
+        if episode.result is None:
+            driver.reset(episode.context)
+        while episode.result is None:
+            if is_over(episode):
                 return None
-            step = stepped.drive(driver.act(step.observation))
-        if step.facts is not None:
-            is_over(stepped.snapshot)
-        return step
+            episode.step(driver.act(episode.observation))
+        if episode.result.facts is not None:
+            is_over(episode)
+        return episode.result
 
     def _run(self, planner: LoadedPlanner, spec: ScenarioSpec) -> _Drive:
         seen = Recorder(planner.factory())

@@ -6,6 +6,7 @@ No more than one drive is held. Shapes and signs stand in the file's metadata, a
 from __future__ import annotations
 
 import json
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -17,12 +18,14 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, replacing, write_atomic
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY
 from tsbench.envs.scene_seen import SceneSeen
+from tsbench.episode.episode import Episode
 from tsbench.learn.oracle.card import NAME as CARD
 from tsbench.learn.oracle.card import Card
 from tsbench.learn.oracle.ticks import REWARDS, driven, shapes
 from tsbench.learn.oracle.trajectories import stream_trajectories
-from tsbench.run.stepped_episode import process_episode
+from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.table import read_table, table_path
+from tsbench.sim.sumo import Simulation
 
 _TEXT = ("scenario_id", "planner", "part", "type", "sign", "half")
 
@@ -39,11 +42,13 @@ def export(path: Path, split: str, out: Path, rank: int = 1, limit: int | None =
     seen = SceneSeen()
     card, schema = Card(seen), _schema(seen)
     drives = ticks = 0
+    simulation = Simulation()
+    begin = partial(Episode, simulation=simulation, loader=SceneLoader())
     try:
         with io_errors_as_input_errors(out), replacing(out) as part:
             with pq.ParquetWriter(part, schema, compression="zstd") as writer:
                 for drive in islice(chosen, limit):
-                    one = driven(drives, drive, rows[drive.scenario_id], seen)
+                    one = driven(drives, drive, rows[drive.scenario_id], seen, begin)
                     flat = {**one.facts, "episode_index": one.index}
                     writer.write_table(
                         pa.Table.from_pylist([flat | tick for tick in one.ticks], schema=schema)
@@ -54,7 +59,7 @@ def export(path: Path, split: str, out: Path, rank: int = 1, limit: int | None =
                 raise InputError(f"{path}: has no drive of split {split} up to rank {rank}")
             write_atomic(out.with_name(f"{out.stem}.{CARD}"), card.text(path, split, rank, limit).encode())
     finally:
-        process_episode().close()
+        simulation.close()
     return drives, ticks
 
 

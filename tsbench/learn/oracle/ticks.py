@@ -6,7 +6,7 @@ m/s2 and rad.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,9 +15,8 @@ import numpy as np
 from tsbench.core.errors import SimulationError
 from tsbench.envs.reward import RewardSpec, RouteReward
 from tsbench.envs.scene_seen import SceneSeen
-from tsbench.episode.outcome import EpisodeResult
+from tsbench.episode.episode import Episode
 from tsbench.learn.oracle.trajectories import Recorded, Replay, difference
-from tsbench.run.stepped_episode import Judged, Step, process_episode
 from tsbench.scenarios.spec import ScenarioSpec
 
 # The tables of `scene`, by the name that follows `observation.`.
@@ -40,8 +39,10 @@ def shapes(seen: SceneSeen) -> dict[str, tuple[int, ...]]:
     return {f"observation.{name}": seen.space[key].shape for name, key in SEEN.items()}  # type: ignore[index]
 
 
-def driven(index: int, drive: Recorded, row: ScenarioSpec, seen: SceneSeen) -> Driven:
-    """A drive, driven again. Raises SimulationError as a replay does."""
+def driven(
+    index: int, drive: Recorded, row: ScenarioSpec, seen: SceneSeen, begin: Callable[[ScenarioSpec], Episode]
+) -> Driven:
+    """A drive, driven again. begin: makes the episode of a row. Raises SimulationError as a replay does."""
     facts = {
         "scenario_id": row.scenario_id,
         "planner": drive.planner,
@@ -50,41 +51,37 @@ def driven(index: int, drive: Recorded, row: ScenarioSpec, seen: SceneSeen) -> D
         "sign": row.sign_code,
         "half": row.half,
     }
-    return Driven(index, facts, list(_ticks(drive, row, seen)))
+    return Driven(index, facts, list(_ticks(drive, row, seen, begin)))
 
 
-def _ticks(drive: Recorded, row: ScenarioSpec, seen: SceneSeen) -> Iterator[dict[str, Any]]:
+def _ticks(
+    drive: Recorded, row: ScenarioSpec, seen: SceneSeen, begin: Callable[[ScenarioSpec], Episode]
+) -> Iterator[dict[str, Any]]:
     """A drive's ticks: what is seen, the command, and what it earns. Raises SimulationError as a replay does."""
     replay = Replay(drive)
-    turn = process_episode().begin(row, drive)
-    if isinstance(turn, EpisodeResult):
-        raise SimulationError(f"{row.scenario_id}: {turn.error or turn.outcome}")
-    replay.reset(turn.context)
-    seen.reset(turn.context)
-    reward, before = RouteReward(turn.observation, RewardSpec()), process_episode().judged()
-    while isinstance(turn, Step):
-        o, encoded = turn.observation, seen.encode(turn.observation)
-        control = replay.act(o)
+    episode = begin(row)
+    if episode.result is not None:
+        raise SimulationError(f"{row.scenario_id}: {episode.result.error or episode.result.outcome}")
+    replay.reset(episode.context)
+    seen.reset(episode.context)
+    reward, before = RouteReward(episode.observation, RewardSpec()), episode.judged()
+    while episode.result is None:
+        o = episode.observation
+        encoded, control = seen.encode(o), replay.act(o)
         tick = {f"observation.{name}": encoded[key].ravel() for name, key in SEEN.items()}
         tick |= {"frame_index": o.step, "timestamp": o.time}
         tick["action"] = np.array((control.acceleration, control.steering), dtype=np.float32)
-        turn = process_episode().drive(control)
-        after, last = _after(turn)
-        tick["reward.progress"] = reward.tick(process_episode().last_view())
+        episode.step(control)
+        after, last = episode.judged(), episode.result
+        if last is not None and last.facts is None:
+            raise SimulationError(f"{row.scenario_id}: {last.error or last.outcome}")
+        tick["reward.progress"] = reward.tick(episode.look())
         tick["reward.violation"] = float(len(before.violations) - len(after.violations))
         tick["reward.needless"] = float(len(before.needless) - len(after.needless))
         tick["reward.end"] = reward.end(last.outcome) if last else 0.0
         tick["done"] = last is not None
         before = after
         yield tick
-    differs = difference(drive, row, turn.facts, turn.error)
+    differs = difference(drive, row, episode.result.facts, episode.result.error)
     if differs:
         raise SimulationError(f"{row.scenario_id}: {drive.planner}: the replay differs: {differs}")
-
-
-def _after(turn: Step | EpisodeResult) -> tuple[Judged, EpisodeResult | None]:
-    if isinstance(turn, Step):
-        return process_episode().judged(), None
-    if turn.facts is None:
-        raise SimulationError(f"{turn.spec.scenario_id}: {turn.error or turn.outcome}")
-    return Judged.of(turn.facts), turn

@@ -92,12 +92,12 @@ class DaggerWrapper(gymnasium.Wrapper[Any, npt.NDArray[np.float32], Any, npt.NDA
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         found = self.env.reset(seed=seed, options=options)
-        self._teacher.reset(self._drive.turn.context)
+        self._teacher.reset(self._drive.episode.context)
         return found
 
     def advise(self) -> npt.NDArray[np.float32]:
         """(2,) the action that comes closest to what the teacher does now; once per step."""
-        return np.array(action_for(*self._teacher.advise(self._drive.turn.observation)), dtype=np.float32)
+        return np.array(action_for(*self._teacher.advise(self._drive.episode.observation)), dtype=np.float32)
 
     @property
     def _drive(self) -> DriveEnv:
