@@ -26,7 +26,7 @@ from tsbench.dataset.city import cities_folder, city_names, fetch_extracts, load
 from tsbench.dataset.maps.extracts import extract_info, list_extracts
 from tsbench.dataset.maps.paths import netconvert_file, types_file
 from tsbench.dataset.maps.plain_xml import class_speeds
-from tsbench.dataset.scenes.carried import carried
+from tsbench.dataset.scenes.city_build import carried
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.scenarios.certificates import certificates_path, read_certificates
 from tsbench.scenarios.table import read_table, splits_there, table_path

@@ -11,8 +11,7 @@ import numpy as np
 
 from tsbench.episode.outcome import Contact, EpisodeFacts, EpisodeResult, Outcome
 from tsbench.geometry.polyline import Array, Polyline
-from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.lane_graph import Destination, LaneGraph
 from tsbench.roads.network import Edge, Lane, RoadNetwork
 from tsbench.rules.monitor import Verdict, Violation
 from tsbench.scenarios.spec import ScenarioSpec

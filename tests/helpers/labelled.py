@@ -33,7 +33,7 @@ import yaml
 from transform import Transform
 
 from tsbench.geometry.polyline import Polyline, join
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.localization import LaneLocator
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.rules.monitor import Verdict

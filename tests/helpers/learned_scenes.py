@@ -12,7 +12,7 @@ from tsbench.planners.base import Control, Observation, PlannerContext, SignView
 from tsbench.planners.common.lane_change import pursue_route
 from tsbench.planners.ppo.vector import SIZE
 from tsbench.planners.weights import Tensors, save_weights
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.sim.world import ActorKind
 
 SPEED = 8.0

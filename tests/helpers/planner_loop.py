@@ -14,8 +14,7 @@ from tsbench.episode.traffic_view import TrafficView
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.geometry.polyline import Polyline
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, SignView
-from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.lane_graph import Destination, LaneGraph
 from tsbench.roads.localization import LaneLocator
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.roads.planner_map import build_planner_map

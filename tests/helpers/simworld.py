@@ -32,7 +32,7 @@ from tsbench.dataset.scenes.elements import (
     write_additional,
 )
 from tsbench.dataset.scenes.traffic import Car
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder, store_path, write_store

@@ -10,7 +10,7 @@ from planner_loop import KMH, Body, World, cones, constant, front_of, load, targ
 import tsbench
 from tsbench.planners.base import SignView
 from tsbench.planners.registry import resolve
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 
 EXAMPLE = Path(tsbench.__file__).parent.parent / "examples" / "minimal_planner.py"
 

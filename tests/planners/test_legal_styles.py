@@ -10,7 +10,7 @@ from tsbench.planners.base import SignView
 from tsbench.planners.legal_styles import Assertive, Cautious, Elderly, LegalStyle
 from tsbench.planners.reader import Reader
 from tsbench.planners.registry import resolve
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.run.log.record import make_record
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.world import DT_S, EGO_LENGTH_M

@@ -11,7 +11,7 @@ from planner_loop import Body, World, constant, load
 
 import tsbench
 from tsbench.planners.base import Observation, PlannerContext
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.road_map import MapLane
 from tsbench.sim.ego import Motion, advance
 from tsbench.sim.world import DT_S, Agents

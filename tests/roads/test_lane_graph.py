@@ -11,8 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsbench.geometry.polyline import Polyline
-from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import LaneGraph, RoutePath
+from tsbench.roads.lane_graph import Destination, LaneGraph, RoutePath
 from tsbench.roads.network import RoadNetwork
 
 END = Destination("bu", 100.0)

@@ -12,8 +12,7 @@ from lxml import etree
 from simworld import CALM, SceneMaker, motion_at, plate
 
 from tsbench.dataset.scenes.elements import convoy_elements
-from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import LaneGraph, RoutePath
+from tsbench.roads.lane_graph import Destination, LaneGraph, RoutePath
 from tsbench.roads.localization import LaneLocator
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.roads.reserved_lanes import contraflow_lanes, open_lanes

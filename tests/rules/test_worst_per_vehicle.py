@@ -3,8 +3,8 @@ from __future__ import annotations
 import pytest
 from labelled import CASES, play
 
+from tsbench.rules.crossing import WorstPerVehicle
 from tsbench.rules.events import EventLog
-from tsbench.rules.worst_per_vehicle import WorstPerVehicle
 from tsbench.signs.catalog import load_catalog
 
 PLAYED = play(CASES / "give_way" / "two_vehicles_at_once.yaml")

@@ -13,7 +13,7 @@ from simworld import SceneMaker, plate
 from tsbench.core.errors import InputError
 from tsbench.core.xmlfile import read_plain, sha256
 from tsbench.dataset.scenes.verify import verify_rows
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec

@@ -15,7 +15,7 @@ from simworld import SceneMaker, plate, store_scenes
 
 from tsbench.core.errors import InputError
 from tsbench.core.xmlfile import sha256
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.scenarios import store as store_module
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec

@@ -10,8 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from simworld import ego_at
 
-from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.lane_graph import Destination, LaneGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.sim.navigation import Navigator, RouteView
 

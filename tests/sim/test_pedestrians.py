@@ -15,7 +15,7 @@ from tsbench.dataset.placements.crosswalk_net import kerb_to_kerb, path_name, wi
 from tsbench.dataset.scenes.elements import walker_elements
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.dataset.scenes.traffic import Car
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog

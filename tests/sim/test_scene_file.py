@@ -15,7 +15,7 @@ from simworld import obstacle, plate
 
 from tsbench.core.errors import InputError
 from tsbench.dataset.scenes.elements import write_additional
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, PassageParams, SlowZoneParams

@@ -19,7 +19,7 @@ from simworld import CALM, SceneMaker, motion_at, obstacle, plate
 
 from tsbench.core.errors import SimulationError
 from tsbench.dataset.scenes.traffic import Car
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.ego import Motion, advance
 from tsbench.sim.scene import EgoStart

@@ -12,7 +12,7 @@ from tsbench.episode.perception import Plate, SignDetection, SignDetector, faces
 from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.episode.traffic_view import TrafficView
 from tsbench.planners.base import Observation, SignView
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.planner_map import PlannerMap
 from tsbench.signs.annotations import SignInstance
 from tsbench.sim.main_road import main_roads

@@ -12,8 +12,7 @@ from typing import Protocol, runtime_checkable
 
 from tsbench.core.errors import InputError
 from tsbench.geometry.polyline import Array
-from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import MapGraph
+from tsbench.roads.lane_graph import Destination, MapGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.planner_map import PlannerMap
 from tsbench.roads.road_map import RoadMap

@@ -15,10 +15,17 @@ import numpy as np
 from tsbench.core.frozen import Frozen
 from tsbench.geometry.angles import turn_class, wrap
 from tsbench.geometry.polyline import Array, Polyline
-from tsbench.roads.destination import Destination
 from tsbench.roads.network import Connection, RoadNetwork
 from tsbench.roads.reserved_lanes import ContraflowLane, contraflow_lanes, open_lanes
 from tsbench.roads.road_map import MapConnection, RoadMap
+
+
+@dataclass(frozen=True, slots=True)
+class Destination:
+    """The point to reach: edge id and arc length along it (m); any lane of the edge counts."""
+
+    edge: str
+    s: float
 
 
 class Reached(NamedTuple):

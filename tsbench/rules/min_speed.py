@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tsbench.rules.leaders import Leaders
 from tsbench.rules.monitor import Monitor, Verdict
+from tsbench.rules.open_speed import Leaders
 from tsbench.rules.speed import KMH_PER_MPS
 from tsbench.rules.zone import Zone
 from tsbench.signs.annotations import SignInstance

@@ -16,9 +16,8 @@ from tsbench.roads.blocking import PriorityGap, blockers, clearance_s
 from tsbench.roads.junction_paths import junction_paths, path_zones
 from tsbench.roads.priority import RULE_FOLLOWING, PriorityVehicles
 from tsbench.rules.crossing_people import CrossingPeople
-from tsbench.rules.leaders import Leaders
 from tsbench.rules.monitor import Monitor, Verdict
-from tsbench.rules.open_speed import MeanSpeeds, OpenSpeed, at_metre, bend_speeds
+from tsbench.rules.open_speed import Leaders, MeanSpeeds, OpenSpeed, at_metre, bend_speeds
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.contrast import PassageParams
 from tsbench.sim.scene import Scene

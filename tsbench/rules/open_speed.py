@@ -6,14 +6,14 @@ Source: docs/contrast.md, "Needless obedience". Units: m, s, m/s, m/s2.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
 from tsbench.geometry.polyline import Polyline
 from tsbench.roads.network import RoadNetwork
-from tsbench.rules.leaders import Leaders
 from tsbench.signs.catalog import RuleSpec
-from tsbench.sim.world import DT_S, WorldSnapshot
+from tsbench.sim.world import DT_S, EGO_LENGTH_M, WorldSnapshot
 
 # Bends are measured over this length: netconvert draws a turn as a few chords, whose corners are no bends.
 _BEND_M = 10.0
@@ -87,3 +87,36 @@ def bend_speeds(line: Polyline, rule: RuleSpec) -> list[float]:
 def at_metre(speeds: list[float], s: float) -> float:
     """Of `bend_speeds`, that at arc length s; beyond an end that of the end."""
     return speeds[min(max(round(s), 0), len(speeds) - 1)]
+
+
+class Leaders:
+    """Finds them, tick by tick."""
+
+    def __init__(self, network: RoadNetwork) -> None:
+        self._network = network
+        self._next: dict[int, dict[int, float]] = {}
+
+    def within(self, snapshot: WorldSnapshot, reach: float) -> Iterator[tuple[float, float]]:
+        """Gap from the ego's front to the other's rear, and its speed, of each within `reach`."""
+        ego, actors = snapshot.ego, snapshot.actors
+        ahead = self._ahead(ego.lane)
+        for k, lane in enumerate(actors.lane.tolist()):
+            if lane in ahead:
+                rear = ahead[lane] + float(actors.lane_s[k]) - float(actors.length[k])
+                gap = rear - ego.s - EGO_LENGTH_M / 2
+                if -EGO_LENGTH_M <= gap <= reach:
+                    yield gap, float(actors.speed[k])
+
+    def _ahead(self, lane: int) -> dict[int, float]:
+        """The ego's lane and those that it leads into: where each starts, m from the first one's start."""
+        found = self._next.get(lane)
+        if found is None:
+            # Pedestrians, too, are on no lane.
+            found = self._next[lane] = {lane: 0.0} if lane >= 0 else {}
+            network = self._network
+            for connection in network.outgoing[lane] if lane >= 0 else ():
+                at = network.lanes[lane].length
+                for i in (*connection.via, connection.to_lane):
+                    found.setdefault(i, at)
+                    at += network.lanes[i].length
+        return found

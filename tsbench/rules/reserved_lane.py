@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from tsbench.geometry.footprint import boxes_overlap, share_in_band
-from tsbench.rules.in_all import InAll
+from tsbench.rules.events import InAll
 from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec

@@ -12,9 +12,8 @@ import numpy as np
 
 from tsbench.geometry.polyline import Polyline, join
 from tsbench.roads.network import Connection, RoadNetwork
-from tsbench.rules.events import Excursion
+from tsbench.rules.events import Excursion, InAll
 from tsbench.rules.give_way import GiveWay
-from tsbench.rules.in_all import InAll
 from tsbench.rules.monitor import Verdict
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec

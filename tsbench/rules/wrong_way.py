@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tsbench.rules.in_all import InAll
+from tsbench.rules.events import InAll
 from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.sim.scene import Scene

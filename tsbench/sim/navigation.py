@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import MapGraph, RoutePath
+from tsbench.roads.lane_graph import Destination, MapGraph, RoutePath
 from tsbench.sim.world import EgoState
 
 _WINDOW_M = 15.0

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 from tsbench.core.errors import InputError
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog, RuleSpec

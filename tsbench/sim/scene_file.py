@@ -16,7 +16,7 @@ from lxml import etree
 from tsbench.core.errors import InputError
 from tsbench.core.xmlfile import parse, read_plain
 from tsbench.geometry.footprint import corners
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import sign_to_poi, signs_from_additional
 from tsbench.signs.catalog import Catalog

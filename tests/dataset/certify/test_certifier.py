@@ -11,11 +11,10 @@ from simworld import SceneMaker, actors, road_plain, simulation, speed_plate, st
 from tsbench.core.errors import InputError
 from tsbench.dataset.certify.certifier import Certifier
 from tsbench.dataset.certify.recertify import recertify
-from tsbench.dataset.certify.rejection_test import RejectionTest
 from tsbench.dataset.certify.sanity import overlapping_pairs, road_users
 from tsbench.dataset.maps.build import build_net
 from tsbench.episode.outcome import EpisodeFacts
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
 from tsbench.scenarios.certificates import (
     Certificate,
@@ -63,7 +62,7 @@ def test_a_scene_that_tempts_and_can_be_solved(maker: SceneMaker) -> None:
 
 
 def test_who_breaks_the_rule_of_a_scene(maker: SceneMaker) -> None:
-    screener = RejectionTest(simulation(), SceneLoader(SceneFolder(maker.root)))
+    screener = Certifier(simulation(), SceneLoader(SceneFolder(maker.root)))
     assert [screener.breaks(name, scene(maker, "tempts")) for name in ("idm", "idm-e")] == [True, False]
     # Not enough time to reach the plate, and no episode at all: nobody was seen breaking anything.
     assert not screener.breaks("idm", scene(maker, "short", horizon=5))

@@ -14,7 +14,7 @@ from tsbench.dataset.certify.pair import braking_before
 from tsbench.dataset.certify.recertify import draw_sample, recertify
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.scenes.traffic import Car
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
 from tsbench.scenarios.certificates import (
     Certificate,

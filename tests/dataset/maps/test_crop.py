@@ -13,9 +13,8 @@ import pytest
 
 from tsbench.core.errors import InputError
 from tsbench.dataset.maps.build import build_net
-from tsbench.dataset.maps.crop import plain_crop
+from tsbench.dataset.maps.crop import REGISTRY, plain_crop
 from tsbench.dataset.maps.families.expectations import expectations
-from tsbench.dataset.maps.families.family import REGISTRY
 from tsbench.dataset.maps.lines import length
 from tsbench.dataset.maps.lint import lint_crops, loads_in_sumo
 from tsbench.dataset.maps.plain import (

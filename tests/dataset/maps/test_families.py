@@ -10,8 +10,7 @@ import pytest
 from town import make_town
 
 from tsbench.dataset.maps.arms import Arm, least_separation, through_pairs
-from tsbench.dataset.maps.crop import plain_crop
-from tsbench.dataset.maps.families.family import REGISTRY
+from tsbench.dataset.maps.crop import REGISTRY, plain_crop
 from tsbench.dataset.maps.families.junction import junction_shape
 from tsbench.dataset.maps.families.roundabout import ARM_CUTS_M, shape_fault
 from tsbench.dataset.maps.lines import chord_over_arc

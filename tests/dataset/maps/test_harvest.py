@@ -12,9 +12,8 @@ from town import Town, make_town
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
-from tsbench.dataset.maps.families.family import REGISTRY
-from tsbench.dataset.maps.harvest import harvest
-from tsbench.dataset.maps.overlap import Coverage
+from tsbench.dataset.maps.crop import REGISTRY
+from tsbench.dataset.maps.harvest import Coverage, harvest
 from tsbench.dataset.maps.paths import build_dir
 from tsbench.dataset.maps.source import SourceNetwork, load_source
 from tsbench.report.map_sheet import map_sheet

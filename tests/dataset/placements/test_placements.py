@@ -16,9 +16,8 @@ from pool_builders import corridor, crossroads, prepared, recipe_of, two_way
 from simworld import CALM, LIMIT, cross_plain, road_plain, simulation
 from test_route_scenes import TYPES, ways
 
-from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
+from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode, split_edge
 from tsbench.dataset.placements.by_name import placement_of
-from tsbench.dataset.placements.corridor import split_edge
 from tsbench.dataset.placements.placement import Arrangement, SceneTask
 from tsbench.dataset.scenes import map_scenarios as site_module
 from tsbench.dataset.scenes.lint import lint_scene

@@ -19,7 +19,7 @@ from tsbench.dataset.placements.placement import Arrangement, SceneTask, UnfitMa
 from tsbench.dataset.scenes import map_scenarios as site_module
 from tsbench.dataset.scenes.lint import lint_scene
 from tsbench.dataset.scenes.map_scenarios import SiteBuilder
-from tsbench.dataset.scenes.scene_vehicles import scene_vehicles
+from tsbench.dataset.scenes.placed_plates import scene_vehicles
 from tsbench.dataset.scenes.variants import INITIAL_SPEEDS_MPS, Variant, variants_of
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network

@@ -22,9 +22,9 @@ from tsbench.dataset.scenes.demand_calibration import (
     DemandCalibration,
 )
 from tsbench.dataset.scenes.drivers import Driver
-from tsbench.dataset.scenes.dry_run import lead_time
 from tsbench.dataset.scenes.elements import background, driver_types, write_additional
 from tsbench.dataset.scenes.plate_roads import plate_roads
+from tsbench.dataset.scenes.scene_files import lead_time
 from tsbench.dataset.scenes.traffic import (
     Car,
     Router,
@@ -35,8 +35,7 @@ from tsbench.dataset.scenes.traffic import (
     shut_roads,
     standing_cars,
 )
-from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.lane_graph import Destination, LaneGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.sim.scene import EgoStart
 

@@ -24,7 +24,7 @@ from tsbench.dataset.scenes.traffic import Car
 from tsbench.dataset.scenes.variants import INITIAL_SPEEDS_MPS, variants_of
 from tsbench.report.analyses.traffic_calibration import calibration
 from tsbench.report.tables.charts import save_chart
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder

@@ -11,10 +11,9 @@ from labelled import network
 
 from tsbench.dataset.scenes.driven_plates import broken_plates
 from tsbench.dataset.scenes.place_lint import BROKEN, PlateFinding, finding_counts
-from tsbench.dataset.scenes.placed_plates import PlacedPlates
+from tsbench.dataset.scenes.placed_plates import PlacedPlates, RoutedVehicle
 from tsbench.dataset.scenes.plate_places import refused
 from tsbench.dataset.scenes.plate_roads import PlateRoads
-from tsbench.dataset.scenes.scene_vehicles import RoutedVehicle
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.signs.annotations import ALL_LANES, DISTRACTOR, SignInstance
 from tsbench.signs.catalog import load_catalog

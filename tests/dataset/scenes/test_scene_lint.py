@@ -15,7 +15,7 @@ from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.maps.plain import PlainNode
 from tsbench.dataset.scenes.lint import lint_limits, lint_scene
 from tsbench.dataset.scenes.traffic import Car
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
 from tsbench.roads.planner_map import build_planner_map
 from tsbench.scenarios.scene_loader import SceneLoader

@@ -16,8 +16,7 @@ from pool_builders import row
 
 from tsbench.dataset.city import SplitPlan, load_city
 from tsbench.dataset.scenes import split as split_module
-from tsbench.dataset.scenes.places import places_of, with_places
-from tsbench.dataset.scenes.split import choose_test_tiles, split_pool, tile_of
+from tsbench.dataset.scenes.split import choose_test_tiles, places_of, split_pool, tile_of, with_places
 from tsbench.scenarios.map_pool import PoolRow
 
 PLAN = load_city("moscow").split

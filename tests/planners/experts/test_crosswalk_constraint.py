@@ -11,7 +11,7 @@ from planner_loop import Body, World, constant, verdict
 from tsbench.geometry.polyline import Polyline
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.plate_params import CrosswalkParams

@@ -24,7 +24,7 @@ from tsbench.geometry.footprint import boxes_overlap
 from tsbench.planners.base import Control, Observation, PlannerContext, SignView
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.sim.scene import Obstacle
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M

@@ -11,8 +11,8 @@ from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequi
 from tsbench.planners.experts.rules.gap_acceptance import COURTESY
 from tsbench.planners.experts.rules.way_through import WayThrough, crossing, paths_through
 from tsbench.planners.idm import Idm
-from tsbench.roads.destination import Destination
 from tsbench.roads.junction_paths import JunctionPath, junction_paths
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.planner_map import build_planner_map
 from tsbench.roads.priority import PriorityVehicle

@@ -10,7 +10,7 @@ from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.common.lane_change import pursue_route
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.plate_params import ReservedLaneParams

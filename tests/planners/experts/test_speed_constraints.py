@@ -11,7 +11,7 @@ from tsbench.planners.base import Planner, SignView
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.world import EGO_LENGTH_M

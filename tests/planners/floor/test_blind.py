@@ -13,7 +13,7 @@ from tsbench.planners.base import Control, Observation, PlannerContext, SignView
 from tsbench.planners.floor.blind import Blind, Coin
 from tsbench.planners.floor.speeds import least_speed, limit_of
 from tsbench.planners.idm import Idm
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.sim.world import EGO_LENGTH_M
 
 KMH = 1.0 / 3.6

@@ -16,7 +16,7 @@ from tsbench.planners.floor import codes
 from tsbench.planners.floor.blind import Blind
 from tsbench.planners.floor.codes import Codes, Plate, counts, read_counts, signed_odds
 from tsbench.planners.idm import Idm
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.scenarios.table import read_table, table_path
 
 KMH = 1.0 / 3.6

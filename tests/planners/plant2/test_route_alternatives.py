@@ -13,8 +13,7 @@ from planner_loop import load
 from tsbench.planners.base import Observation
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.route_alternatives import RouteAlternatives
-from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import LaneGraph, MapGraph
+from tsbench.roads.lane_graph import Destination, LaneGraph, MapGraph
 from tsbench.sim.navigation import Navigator
 
 POINTS = slice(0, 2 * len(at.WAY_AHEAD_M))

@@ -17,8 +17,7 @@ from tsbench.core.errors import PlannerOutputError
 from tsbench.core.frozen import Frozen
 from tsbench.geometry.polyline import Polyline
 from tsbench.planners.base import Observation, PlannerContext, Privilege, SignView
-from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import PathPiece, RoutePath
+from tsbench.roads.lane_graph import Destination, PathPiece, RoutePath
 from tsbench.run.isolation.commands import command_message, read_command
 from tsbench.run.isolation.episode_messages import Decoder, Encoder
 from tsbench.run.isolation.protocol import HEAD, MOST_BYTES, ProtocolError, read_answer

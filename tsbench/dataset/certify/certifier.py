@@ -216,6 +216,11 @@ class Certifier:
         result = self._run_until(planner, spec, lambda now: bool(now.judged().against))
         return result is not None and _is_passed(result)
 
+    def breaks(self, planner: str, spec: ScenarioSpec) -> bool:
+        """Does `planner` (a name or module:Class) break the rule of the row's sign? Not if its episode broke off."""
+        facts = self._drive(planner, spec).result.facts
+        return facts is not None and not facts.target.compliant
+
     def _run_until(
         self, planner: LoadedPlanner, spec: ScenarioSpec, is_over: Callable[[Episode], bool]
     ) -> EpisodeResult | None:

@@ -10,20 +10,24 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from scipy.spatial import cKDTree
+
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of, write_json
 from tsbench.core.parallel import CachedResult, worker_processes
 from tsbench.core.paths import cities_folder
 from tsbench.dataset.city import chosen_city
-from tsbench.dataset.maps.crop import plain_crop
+from tsbench.dataset.maps.crop import REGISTRY, plain_crop
+from tsbench.dataset.maps.cut import EdgePiece
 from tsbench.dataset.maps.extracts import by_preference, list_extracts
+from tsbench.dataset.maps.families.common import piece_line
 from tsbench.dataset.maps.families.expectations import expectations
-from tsbench.dataset.maps.families.family import REGISTRY
+from tsbench.dataset.maps.lines import densified
 from tsbench.dataset.maps.lint import lint_crops
 from tsbench.dataset.maps.names import extract_name
-from tsbench.dataset.maps.overlap import Coverage
 from tsbench.dataset.maps.paths import build_dir, netconvert_file, types_file
-from tsbench.dataset.maps.source import kept_source, load_source
+from tsbench.dataset.maps.source import SourceNetwork, kept_source, load_source
 from tsbench.dataset.maps.utm import UtmFrame
 from tsbench.scenarios.map_pool import PoolRow, read_pool, write_pool
 
@@ -231,3 +235,26 @@ def _summary(result: HarvestResult, extracts: dict[str, Path]) -> dict[str, obje
         "rings": result.rings,
         "rejected": result.rejected,
     }
+
+
+STEP_M = 10.0
+NEAR_M = 30.0  # generalised shapes are off by up to 28 m
+MAX_SHARE = 0.25
+
+
+class Coverage:
+    """The roads of better-tagged extracts, as points every 10 m."""
+
+    def __init__(self, better: Sequence[SourceNetwork]) -> None:
+        points = [
+            densified(source.line(row), STEP_M) for source in better for row in range(len(source.edge_ids))
+        ]
+        self._tree = cKDTree(np.concatenate(points)) if points else None
+
+    def holds(self, source: SourceNetwork, pieces: Sequence[EdgePiece]) -> bool:
+        """Whether a better extract has the place: a quarter of the crop lies within 30 m of its roads."""
+        if self._tree is None:
+            return False
+        points = np.concatenate([densified(piece_line(source, piece), STEP_M) for piece in pieces])
+        distance, _ = self._tree.query(points, distance_upper_bound=NEAR_M)
+        return bool(np.isfinite(distance).mean() > MAX_SHARE)

@@ -11,6 +11,7 @@ import zlib
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from lxml import etree
 from tsbench.core.errors import InputError
 from tsbench.dataset.maps.degrees import Places, check_numbers, check_places, places_of
 from tsbench.dataset.maps.names import CHANGES, ending_of, occurs, opened_xml
-from tsbench.dataset.maps.out_geom import has_geometry, with_nodes
+from tsbench.dataset.maps.plain_xml import elements
 from tsbench.dataset.maps.plausible import some
 
 _KINDS = ("node", "way", "relation")
@@ -158,3 +159,41 @@ def _marked_deleted(path: Path) -> list[int]:
                     while element.getprevious() is not None:
                         del element.getparent()[0]
     return marked
+
+
+_GEOMETRY = re.compile(rb"""<center\s|<nd\s[^<>]*\blat\s*=""")
+# What a plain file has within its objects.
+_PARTS = ("nd", "member", "tag")
+
+
+def has_geometry(path: Path) -> bool:
+    """Does an extract repeat places in this way?"""
+    return not ending_of(path.name).endswith("pbf") and occurs(_GEOMETRY, path)
+
+
+def with_nodes(path: Path) -> bytes:
+    """Its XML as `out body` writes it, then the nodes that stand in its ways only."""
+    nodes: set[str | None] = set()
+    places: dict[str, etree._Element] = {}
+    made = BytesIO()
+    with (
+        opened_xml(path) as stream,
+        etree.xmlfile(made, encoding="UTF-8") as file,
+        file.element("osm", version="0.6"),
+    ):
+        for element in elements(stream, ("node", "way", "relation")):
+            if element.tag == "node":
+                nodes.add(element.get("id"))
+            for part in list(element):
+                if part.tag not in _PARTS:
+                    element.remove(part)
+                    continue
+                del part[:]
+                name, lat, lon = (part.get(key) for key in ("ref", "lat", "lon"))
+                if part.tag == "nd" and name and lat is not None and lon is not None:
+                    places.setdefault(name, etree.Element("node", id=name, lat=lat, lon=lon))
+            file.write(element, with_tail=False)
+        for name, node in places.items():
+            if name not in nodes:
+                file.write(node)
+    return made.getvalue()

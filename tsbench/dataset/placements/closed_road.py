@@ -26,8 +26,7 @@ from tsbench.dataset.placements.placement import (
 )
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.angles import LEFT, U_TURN
-from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.lane_graph import Destination, LaneGraph
 from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.contrast import ContrastClause, PassageParams, WayParams

@@ -25,7 +25,7 @@ from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.seeds import seed_of
 from tsbench.geometry.angles import wrap_deg
 from tsbench.geometry.polyline import Array, Polyline
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import DEFAULT_LANE_WIDTH_M, RoadNetwork
 from tsbench.roads.reserved_lanes import contraflow_lanes
 from tsbench.scenarios.map_pool import PoolRow

@@ -35,7 +35,7 @@ from tsbench.dataset.scenes.elements import walker_elements
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.scenes.variants import INITIAL_SPEEDS_MPS
 from tsbench.geometry.polyline import Polyline
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import Lane
 from tsbench.roads.road_map import Crossing
 from tsbench.scenarios.map_pool import PoolRow

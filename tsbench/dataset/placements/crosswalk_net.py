@@ -11,9 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from tsbench.dataset.maps.plain import PlainCrossing, PlainEdge, PlainNet, PlainNode
+from tsbench.dataset.maps.plain import PlainCrossing, PlainEdge, PlainNet, PlainNode, split_edge
 from tsbench.dataset.maps.plain_xml import DEFAULT_WIDTH_M
-from tsbench.dataset.placements.corridor import split_edge
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.polyline import Polyline, join
 from tsbench.roads.network import Lane

@@ -19,7 +19,7 @@ from tsbench.dataset.placements.placement import (
 )
 from tsbench.dataset.scenes.drivers import BODIES
 from tsbench.dataset.scenes.recipe import Recipe
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import Lane
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, SignInstance

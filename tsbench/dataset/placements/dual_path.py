@@ -36,8 +36,7 @@ from tsbench.dataset.scenes.plate_places import refused
 from tsbench.dataset.scenes.plate_roads import plate_roads
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.angles import LEFT, RIGHT, SUMO_TURNS
-from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import LaneGraph, Turn
+from tsbench.roads.lane_graph import Destination, LaneGraph, Turn
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import SignInstance

@@ -44,8 +44,7 @@ from tsbench.dataset.placements.posts import in_sight
 from tsbench.dataset.scenes.elements import waiting_elements
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.seeds import rng_of
-from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import Turn
+from tsbench.roads.lane_graph import Destination, Turn
 from tsbench.roads.network import Connection, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, TARGET, SignInstance

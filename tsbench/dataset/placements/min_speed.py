@@ -18,7 +18,7 @@ from tsbench.dataset.placements.placement import (
 from tsbench.dataset.placements.speed_zone import KMH, can_post
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.scenes.variants import INITIAL_SPEEDS_MPS
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.scene import EgoStart

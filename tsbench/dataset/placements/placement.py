@@ -14,8 +14,7 @@ from tsbench.dataset.maps.plain import PlainNet
 from tsbench.dataset.scenes.drivers import Driver
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.dataset.scenes.variants import Variant
-from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import LaneGraph, Turn
+from tsbench.roads.lane_graph import Destination, LaneGraph, Turn
 from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import ALL_LANES, DISTRACTOR, TARGET, SignInstance

@@ -9,8 +9,7 @@ from dataclasses import replace
 
 from lxml import etree
 
-from tsbench.dataset.maps.plain import PlainLane, PlainNet
-from tsbench.dataset.placements.corridor import split_edge
+from tsbench.dataset.maps.plain import PlainLane, PlainNet, split_edge
 from tsbench.dataset.placements.lane_users import user_driver
 from tsbench.dataset.placements.placement import (
     Arrangement,
@@ -26,7 +25,7 @@ from tsbench.dataset.placements.placement import (
 from tsbench.dataset.scenes.elements import moving_vehicle
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.polyline import Polyline
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import Lane
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.contrast import ContrastClause, WayParams

@@ -25,8 +25,7 @@ from tsbench.dataset.placements.placement import (
 )
 from tsbench.dataset.placements.ring_convoy import ring_convoy
 from tsbench.dataset.scenes.recipe import Recipe
-from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import RoutePath
+from tsbench.roads.lane_graph import Destination, RoutePath
 from tsbench.roads.network import Connection, Lane, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR

@@ -9,9 +9,8 @@ from dataclasses import replace
 import numpy as np
 
 from tsbench.dataset.maps.paths import types_file
-from tsbench.dataset.maps.plain import PlainNet
+from tsbench.dataset.maps.plain import PlainNet, split_edge
 from tsbench.dataset.maps.plain_xml import class_speeds
-from tsbench.dataset.placements.corridor import split_edge
 from tsbench.dataset.placements.placement import (
     Arrangement,
     ScenePlacement,
@@ -23,7 +22,7 @@ from tsbench.dataset.placements.placement import (
 from tsbench.dataset.scenes.drivers import Driver
 from tsbench.dataset.scenes.recipe import Recipe
 from tsbench.geometry.polyline import bend_speed, join
-from tsbench.roads.destination import Destination
+from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, SignInstance

@@ -26,9 +26,8 @@ from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.source import kept_source
 from tsbench.dataset.placements.by_name import placement_of
 from tsbench.dataset.scenes.map_scenarios import MapScenarios, Prover, SiteBuilder
-from tsbench.dataset.scenes.places import with_places
 from tsbench.dataset.scenes.recipe import Recipe, load_recipes
-from tsbench.dataset.scenes.split import split_pool
+from tsbench.dataset.scenes.split import split_pool, with_places
 from tsbench.dataset.seeds import seed_of
 from tsbench.scenarios.certificates import (
     Certificate,
@@ -44,7 +43,7 @@ from tsbench.scenarios.table import SPLITS, read_table, table_path, write_table
 from tsbench.sim.sumo import Simulation
 
 APART_M = 60.0
-REJECTION_TEST = "tsbench.dataset.certify.rejection_test:RejectionTest"
+CERTIFIER = "tsbench.dataset.certify.certifier:Certifier"
 AHEAD = 12
 
 Progress = Callable[[str, int, int], None]
@@ -62,7 +61,7 @@ class BuildRequest:
     osm: Path
     root: Path
     workers: int
-    certifier: str = REJECTION_TEST
+    certifier: str = CERTIFIER
     splits: tuple[str, ...] = SPLITS
 
     @property

@@ -9,8 +9,7 @@ from collections.abc import Callable, Mapping
 from itertools import pairwise
 from types import MappingProxyType
 
-from tsbench.dataset.scenes.placed_plates import PlacedPlates, PlateHere
-from tsbench.dataset.scenes.scene_vehicles import RoutedVehicle
+from tsbench.dataset.scenes.placed_plates import PlacedPlates, PlateHere, RoutedVehicle
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import TARGET, SignInstance
 from tsbench.sim.scene_file import EGO_ID

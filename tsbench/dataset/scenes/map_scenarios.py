@@ -47,7 +47,7 @@ LESS_TRAFFIC = (1.0, 0.85, 0.7, 0.5)
 
 
 class Prover(Protocol):
-    """What drives rows to prove them (certify.rejection_test). expert: the one that is tried first."""
+    """What drives rows to prove them (certify.certifier). expert: the one that is tried first."""
 
     expert: str
 

@@ -14,7 +14,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import dataset_file
 from tsbench.core.textfile import read_json
 from tsbench.dataset.scenes.build import stratum_of
-from tsbench.dataset.scenes.places import places_of
+from tsbench.dataset.scenes.split import places_of
 from tsbench.scenarios.certificates import certificates_path, read_certificates
 from tsbench.scenarios.map_pool import pool_file, read_pool
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec

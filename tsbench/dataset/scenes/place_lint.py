@@ -6,10 +6,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from tsbench.dataset.scenes.driven_plates import broken_plates
-from tsbench.dataset.scenes.placed_plates import PlacedPlates
+from tsbench.dataset.scenes.placed_plates import PlacedPlates, scene_vehicles
 from tsbench.dataset.scenes.plate_places import refused
 from tsbench.dataset.scenes.plate_roads import plate_roads
-from tsbench.dataset.scenes.scene_vehicles import scene_vehicles
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec

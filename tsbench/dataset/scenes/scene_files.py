@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from collections.abc import Set as AbstractSet
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +19,6 @@ from tsbench.dataset.placements.placement import (
     UnluckyDrawError,
 )
 from tsbench.dataset.scenes.demand_calibration import DemandCalibration
-from tsbench.dataset.scenes.dry_run import lead_time, load_files
 from tsbench.dataset.scenes.elements import (
     background,
     convoy_elements,
@@ -27,9 +28,8 @@ from tsbench.dataset.scenes.elements import (
     write_additional,
 )
 from tsbench.dataset.scenes.lint import lint_scene
-from tsbench.dataset.scenes.placed_plates import PlacedPlates
+from tsbench.dataset.scenes.placed_plates import PlacedPlates, routed_vehicles
 from tsbench.dataset.scenes.plate_roads import plate_roads
-from tsbench.dataset.scenes.scene_vehicles import routed_vehicles
 from tsbench.dataset.scenes.traffic import (
     Car,
     Sent,
@@ -41,6 +41,7 @@ from tsbench.dataset.scenes.traffic import (
 )
 from tsbench.dataset.seeds import rng_of, seed_of
 from tsbench.roads.lane_graph import Turn
+from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.certificates import DENSITY_TOLERANCE
 from tsbench.scenarios.scene_loader import Roads
 from tsbench.signs.catalog import Catalog
@@ -48,6 +49,7 @@ from tsbench.sim.ego import start_motion
 from tsbench.sim.scene import ConvoyPlan, Scene, SceneFile, SceneLayout
 from tsbench.sim.scene_file import layout_elements, read_layout
 from tsbench.sim.sumo import Simulation
+from tsbench.sim.world import DT_S
 
 DENSITY_GOAL = 0.1
 REHEARSALS = 6
@@ -220,3 +222,48 @@ class SceneFileWriter:
             raise SimulationError(f"{self.path}: SUMO did not insert {missing[0]}")
         if a.walkers:
             self.sim.hold_persons(a.walkers.persons)
+
+
+LEAD_LIMIT_S = 40.0
+LEAD_ID = "convoy_0"
+
+
+def load_files(sim: Simulation, net: Path, additional: Path, network: RoadNetwork, seed: int) -> None:
+    """As `Simulation.load`, also where a path has commas: SUMO takes them for the ends of names."""
+    with _without_commas(net) as plain_net, _without_commas(additional) as plain_additional:
+        sim.load(plain_net, plain_additional, network, seed)
+
+
+@contextmanager
+def _without_commas(path: Path) -> Iterator[Path]:
+    """A path at which this process reads the same file for as long as this lasts."""
+    if "," not in str(path):
+        yield path
+        return
+    with path.open("rb") as file:
+        yield Path(f"/proc/self/fd/{file.fileno()}")
+
+
+def lead_time(
+    sim: Simulation, net: Path, additional: Path, network: RoadNetwork, seed: int, way_m: float
+) -> float:
+    """Seconds until the convoy's lead has its front `way_m` further on, from its standing start or its entry.
+
+    Raises SimulationError if it does not get there within 40 s.
+    """
+    load_files(sim, net, additional, network, seed)
+    sim.step()
+    convoy = [name for name, *_ in sim.fleet()]
+    for vehicle in convoy:
+        sim.hold(vehicle)
+    sim.step()
+    while not sim.is_there(LEAD_ID) and sim.time() < LEAD_LIMIT_S:
+        sim.step()
+    began = sim.distance_driven(LEAD_ID)
+    for vehicle in convoy:
+        sim.release(vehicle)
+    for tick in range(1, int(LEAD_LIMIT_S / DT_S)):
+        sim.step()
+        if sim.distance_driven(LEAD_ID) - began >= way_m:
+            return tick * DT_S
+    raise SimulationError(f"{additional}: the convoy's lead does not reach the conflict zone")

@@ -11,9 +11,8 @@ import shapely
 
 from tsbench.core.errors import InputError
 from tsbench.dataset.scenes.lint import lint_limits, lint_scene
-from tsbench.dataset.scenes.places import with_places
 from tsbench.dataset.scenes.recipe import recipe_types
-from tsbench.dataset.scenes.split import APART_M, extents
+from tsbench.dataset.scenes.split import APART_M, extents, with_places
 from tsbench.run.edition import earlier_splits
 from tsbench.scenarios.certificates import bases, certificates_path, read_certificates
 from tsbench.scenarios.map_pool import pool_file, read_pool

@@ -14,8 +14,7 @@ from tsbench.geometry.polyline import Polyline
 from tsbench.planners.base import Observation
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.tokens import Pose, points_ahead
-from tsbench.roads.destination import Destination
-from tsbench.roads.lane_graph import MapGraph, RoutePath, heading_change
+from tsbench.roads.lane_graph import Destination, MapGraph, RoutePath, heading_change
 
 _WINDOW_M = 15.0
 # A plan that is so much nearer to another way means that one: less is a wide or a cut corner.
