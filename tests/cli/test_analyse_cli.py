@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,8 @@ KINDS = ("main", "types", "intervals", "failures", "correlations", "ablation")
 @pytest.fixture
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drawing is what takes time, and the tests of figures draw them all."""
+    # Imported now, it keeps the real one, also for the tests after this.
+    import_module("tsbench.report.tables.forest")
     monkeypatch.setattr("tsbench.report.tables.charts.save_chart", lambda draw, *paths: None)
 
 

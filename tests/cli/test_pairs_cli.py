@@ -6,6 +6,7 @@ import csv
 import json
 from collections.abc import Callable
 from dataclasses import asdict
+from importlib import import_module
 from pathlib import Path
 
 import episode_builders as made
@@ -29,6 +30,8 @@ def analyse(
     """The table of an analysis of runs as rows of its CSV."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
+    # Imported now, it keeps the real one, also for the tests after this.
+    import_module("tsbench.report.tables.forest")
     monkeypatch.setattr("tsbench.report.tables.charts.save_chart", lambda draw, *paths: None)
     run = in_process("analyse", capsys)
 
