@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import pytest
+from click.shell_completion import ShellComplete
 
-from tsbench.cli import console
+from tsbench.cli import cli, console
 from tsbench.cli.console import bars
 
 
@@ -23,3 +24,18 @@ def test_without_a_terminal_a_line_is_written_now_and_then(
     told = capsys.readouterr()
     assert told.out == ""
     assert told.err.splitlines() == ["maps: 2 of 2,000", "maps: 2,000 of 2,000", "scenes: 4 of 9"]
+
+
+@pytest.mark.parametrize(
+    ("words", "typed", "found"),
+    [
+        (["run", "--planner"], "idm-", "idm-e"),
+        (["run", "--types"], "yield,prio", "yield,priority"),
+        (["run", "--types"], "round", "roundabout"),
+        (["scenarios", "list", "--city"], "north", "north-bayreuth"),
+        (["city", "show"], "ando", "andorra"),
+    ],
+)
+def test_the_shell_completes_names(words: list[str], typed: str, found: str) -> None:
+    shell = ShellComplete(cli=cli, ctx_args={}, prog_name="tsbench", complete_var="_TSBENCH_COMPLETE")
+    assert found in [item.value for item in shell.get_completions(words, typed)]

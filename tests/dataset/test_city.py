@@ -16,13 +16,15 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import (
     CITY,
     SHIPPED_CITIES,
+    cities_folder,
     city_in_use,
+    city_names,
     data_root,
     dataset_file,
     dataset_root,
     using_city,
 )
-from tsbench.dataset.city import cities_folder, city_names, fetch_extracts, load_city
+from tsbench.dataset.city import fetch_extracts, load_city
 from tsbench.dataset.maps.extracts import extract_info, list_extracts
 from tsbench.dataset.maps.paths import netconvert_file, types_file
 from tsbench.dataset.maps.plain_xml import class_speeds

@@ -11,8 +11,8 @@ import click
 from tsbench.cli import options
 from tsbench.cli.console import bars, print_notes, print_table
 from tsbench.core.errors import InputError
-from tsbench.core.paths import MIRRORED
-from tsbench.dataset.city import chosen_city, city_names, describe_city, fetch_extracts, new_city_file
+from tsbench.core.paths import MIRRORED, city_names
+from tsbench.dataset.city import chosen_city, describe_city, fetch_extracts, new_city_file
 from tsbench.dataset.maps import overpass
 from tsbench.dataset.maps.extracts import find_extract
 from tsbench.dataset.maps.names import ending_of

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,11 +10,13 @@ import click
 
 from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
-from tsbench.core.paths import CITY, OWN_CITY, driven_city, expanded, expanded_text, using_city
+from tsbench.core.paths import CITY, OWN_CITY, city_names, driven_city, expanded, expanded_text, using_city
 from tsbench.episode.perception_level import EXACT
 from tsbench.planners.common.batching import DEVICES
+from tsbench.planners.registry import names as registered
 from tsbench.run.plan import choose_types
 from tsbench.scenarios.table import SPLITS, read_table, splits_there, table_path
+from tsbench.signs.catalog import load_catalog
 from tsbench.signs.countries import Country, load_country
 
 if TYPE_CHECKING:
@@ -47,6 +49,23 @@ FOLDER = UserPath(file_okay=False)
 TEXT = UserText()
 POSITIVE = click.IntRange(min=1)
 PLANNER = "NAME|pkg.module:Class|file.py:Class"
+
+
+def _completed(
+    names: Callable[[], Iterable[str]],
+) -> Callable[[click.Context, click.Parameter, str], list[str]]:
+    """Completion by the shell: of a word, or of the last one of words between commas."""
+
+    def complete(_context: click.Context, _parameter: click.Parameter, typed: str) -> list[str]:
+        before, comma, last = typed.rpartition(",")
+        return [f"{before}{comma}{name}" for name in names() if name.startswith(last)]
+
+    return complete
+
+
+def _types_and_groups() -> list[str]:
+    types = load_catalog().types
+    return [kind.id for kind in types] + sorted({kind.group for kind in types})
 
 
 def words_of(text: str) -> tuple[str, ...]:
@@ -98,7 +117,10 @@ def of_their_city(_context: click.Context, _parameter: click.Parameter, runs: An
 
 
 def words(name: str, help: str) -> Option:
-    return click.option(name, multiple=True, metavar="TYPE,GROUP,…", callback=_words, help=help)
+    shown = _completed(_types_and_groups)
+    return click.option(
+        name, multiple=True, metavar="TYPE,GROUP,…", callback=_words, help=help, shell_complete=shown
+    )
 
 
 def country(help: str) -> Option:
@@ -109,6 +131,7 @@ def planners(help: str, *, required: bool = False, default: tuple[str, ...] = ()
     several_times = f"{help}; give it several times for several planners."
     names, shown = ("--planner", "planners"), bool(default)
     given: dict[str, Any] = {"required": required, "default": default, "show_default": shown}
+    given["shell_complete"] = _completed(registered)
     return click.option(*names, multiple=True, type=TEXT, metavar=PLANNER, help=several_times, **given)
 
 
@@ -163,17 +186,21 @@ def limit(help: str) -> Option:
     return click.option("--limit", type=POSITIVE, metavar="N", help=help)
 
 
-city = click.option(
-    "--city", metavar="NAME", callback=_city, expose_value=False, is_eager=True,
-    help=f"Whose data set (tsbench city list); default: {CITY}, or {OWN_CITY}.",
-)  # fmt: skip
-# Of what is made of a city, as it is stored.
-city_name = click.argument("name", callback=_made_city, expose_value=False)
-# The same for commands that make data, which are of the city as it is stored.
-made_city = click.option(
-    "--city", metavar="NAME", callback=_made_city, expose_value=False, is_eager=True,
-    help=f"Whose data set (tsbench city list); default: {CITY}, or {OWN_CITY}.",
-)  # fmt: skip
+def _of_city(callback: Callable[..., None]) -> Option:
+    help, names = (
+        f"Whose data set (tsbench city list); default: {CITY}, or {OWN_CITY}.",
+        _completed(city_names),
+    )
+    given: dict[str, Any] = {"expose_value": False, "is_eager": True, "shell_complete": names, "help": help}
+    return click.option("--city", metavar="NAME", callback=callback, **given)
+
+
+city = _of_city(_city)
+# For commands that make data, which are of the city as it is stored.
+made_city = _of_city(_made_city)
+city_name = click.argument(
+    "name", callback=_made_city, expose_value=False, shell_complete=_completed(city_names)
+)
 
 
 # What Overpass is asked for.

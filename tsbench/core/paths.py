@@ -194,6 +194,11 @@ def cities_folder() -> Path:
     return data_file("cities")
 
 
+def city_names() -> tuple[str, ...]:
+    """Cities that are described, sorted."""
+    return tuple(sorted(path.stem for path in cities_folder().glob("*.yaml")))
+
+
 def driven_as(name: str, side: str) -> str:
     """The data set that is driven for a city whose traffic keeps to `side`."""
     return MIRRORED + name if side == LEFT else name

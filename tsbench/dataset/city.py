@@ -16,7 +16,7 @@ from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
 from tsbench.core.fetch import fetch_file
 from tsbench.core.files import sha256_of, write_atomic
-from tsbench.core.paths import LEFT, MIRRORED, checked_city, cities_folder, city_in_use, driven_as
+from tsbench.core.paths import LEFT, MIRRORED, checked_city, cities_folder, city_in_use, city_names, driven_as
 from tsbench.core.typed import SCHEMA, read_sheet
 from tsbench.dataset.maps.names import extracts_in, file_at
 from tsbench.dataset.maps.utm import UtmFrame
@@ -96,11 +96,6 @@ class City:
     def driven(self) -> str:
         """What `--city` has to name for roads to be as they are."""
         return driven_as(self.name, self.side)
-
-
-def city_names() -> tuple[str, ...]:
-    """Cities that are described, sorted."""
-    return tuple(sorted(path.stem for path in cities_folder().glob("*.yaml")))
 
 
 def chosen_city() -> City:
