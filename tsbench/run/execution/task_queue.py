@@ -24,8 +24,8 @@ class Task:
 class TaskQueue:
     """Tasks in chunks of one planner and network, planner by planner; an idle worker takes from the longest.
 
-    Chunks, and tasks in them, are in an order that nobody knows before: nothing follows from how many came before, which
-    a planner sees by the numbers of processes and by the clock.
+    Chunks, and tasks in them, are in an order that nobody knows before: nothing follows from how many came before,
+    which a planner sees by the numbers of processes and by the clock.
     """
 
     def __init__(self, tasks: Iterable[Task]) -> None:

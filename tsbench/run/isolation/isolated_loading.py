@@ -11,6 +11,7 @@ from typing import Any
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
+from tsbench.core.paths import expanded
 from tsbench.core.provenance import closure, digest
 from tsbench.planners.registry import EXPERT, LoadedPlanner, entry, in_package, is_own
 from tsbench.planners.weights import file_of
@@ -88,8 +89,16 @@ def changed_files(spec: str, planner: PlannerInfo) -> list[str]:
         here.remove()
         return opened_files.names({*planner.files} - {*here.lines})
     place = files_place(inner)
-    own = [line for line in planner.opened if not line.partition("  ")[2].startswith(("/", "~/"))]
-    return opened_files.names(own) if place is None else changed(own, place)
+    own = {
+        name: line for line in planner.opened if not (name := line.partition("  ")[2]).startswith(("/", "~/"))
+    }
+    # A run names what lies there. Any other name would have a file of this machine's read for whoever wrote it.
+    known = [
+        line
+        for name, line in own.items()
+        if place and (place / expanded(name)).resolve().is_relative_to(place)
+    ]
+    return [*opened_files.names({*own.values()} - {*known}), *changed(known, place)]
 
 
 def code_hash(spec: str) -> str | None:
