@@ -163,6 +163,12 @@ def test_a_run_may_say_no_more(run: Path, where: tuple[str, ...], to: object, sa
     assert said in refusal(claims_of, run)
 
 
+def test_a_run_whose_manifest_never_ends(run: Path) -> None:
+    (run / "run.json").unlink()
+    os.mkfifo(run / "run.json")
+    assert "is a pipe" in refusal(claims_of, run)
+
+
 @pytest.mark.parametrize("name", ["规划器v2", "Планировщик-2", "مخطط", "idm e (5 m/s²)", "ドライバー"])
 def test_names_of_any_language_are_taken(honest: Make, tmp_path: Path, name: str) -> None:
     path = tmp_path / "x.json"
