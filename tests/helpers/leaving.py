@@ -350,6 +350,18 @@ class Semaphores(_Planner):
         pass
 
 
+class Accounts(_Planner):
+    """In the bytes that were read by the children which the process that episodes are forks of has waited for."""
+
+    def finds(self):
+        return int(Path(f"/proc/{os.getppid()}/io").read_text().split()[1]) > 1 << 30
+
+    def leaves(self):
+        with Path("/dev/zero").open("rb", buffering=0) as zero:
+            for _ in range(1 << 10):
+                zero.read(1 << 20)
+
+
 class Handler(_Planner):
     """A signal has the process that episodes are forks of call what the constructor told it to."""
 
@@ -392,7 +404,7 @@ ALL = (
     "Limit", "Niceness", "NicenessOfGroup", "Processors", "Policy", "IoPriority", "LineOption", "LineName",
     "LineSignal", "LogSize", "LogSignal", "LogMode", "LogTime", "LogLock", "LogRange",
     "Place", "Port", "Processes", "Files",
-    "FileTime", "FileContent", "FileMemory", "FileRoom", "HiddenFile", "Semaphores",
+    "FileTime", "FileContent", "FileMemory", "FileRoom", "HiddenFile", "Semaphores", "Accounts",
 )  # fmt: skip
 
 IN_LOG = ("LogSize", "LogSignal", "LogMode", "LogTime", "LogLock", "LogRange")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import pwd
 import subprocess
 import sys
 from collections.abc import Callable
@@ -22,6 +23,7 @@ from tsbench.episode.perception_level import load_level
 from tsbench.leaderboard.claim import claim_of, claims_of
 from tsbench.leaderboard.submission import Submission, read_submission
 from tsbench.leaderboard.verification import ClaimVerdict, verify
+from tsbench.run.isolation.isolated_loading import changed_files
 
 Make = Callable[..., Submission]
 Json = dict[str, Any]
@@ -75,6 +77,8 @@ FIELDS = [
     (("planner", "name"), "id\u200bm", "has a character that nobody sees (\\u200b)"),
     (("planner", "name"), "idm\u200f", "has a character that nobody sees (\\u200f)"),
     (("planner", "name"), "idm\u3164", "has a character that nobody sees (\\u3164)"),
+    (("planner", "name"), "idm ", "has spaces that nobody sees"),
+    (("title",), "plant  2", "has spaces that nobody sees"),
     (("planner", "name"), "\U0001d422dm", "has a letter in the form of another"),
     (("planner", "name"), "\u0456dm", "mixes scripts (cyrillic, latin)"),
     (("planner", "name"), "idm\nconfirmed", "expected one line"),
@@ -159,6 +163,12 @@ def test_a_run_may_say_no_more(run: Path, where: tuple[str, ...], to: object, sa
     assert said in refusal(claims_of, run)
 
 
+def test_a_run_whose_manifest_never_ends(run: Path) -> None:
+    (run / "run.json").unlink()
+    os.mkfifo(run / "run.json")
+    assert "is a pipe" in refusal(claims_of, run)
+
+
 @pytest.mark.parametrize("name", ["规划器v2", "Планировщик-2", "مخطط", "idm e (5 m/s²)", "ドライバー"])
 def test_names_of_any_language_are_taken(honest: Make, tmp_path: Path, name: str) -> None:
     path = tmp_path / "x.json"
@@ -194,6 +204,25 @@ def test_an_isolated_planner_names_its_files(honest: Make, tmp_path: Path) -> No
     named = replace(planner, files=(f"{'0' * 64} 644  mine.py",))
     path.write_text(replace(made, planner=named, isolation={"namespaces": "bubblewrap"}).to_json())
     assert read_submission(path).planner == named
+
+
+def test_no_claim_has_other_files_of_this_machine_read(
+    honest: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor does it learn whether a guess at their content is right; and none is read that never ends."""
+    monkeypatch.setenv("HOME", str(tmp_path))
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    (folder / "mine.py").write_text("")
+    for place in (folder, tmp_path):
+        (place / "secret").write_text("known")
+    with (folder / "endless").open("wb") as sparse:
+        sparse.truncate(1 << 40)
+    told = sha256_of(tmp_path / "secret")
+    user = pwd.getpwuid(os.getuid()).pw_name
+    names = ("secret", "../secret", f"~{user}/secret", "endless", "../../../../../../../../../proc/kmsg")
+    planner = replace(honest("idm").planner, opened=tuple(f"{told}  {name}" for name in names))
+    assert set(changed_files(f"{folder}/mine.py:P", planner)) == {*names} - {"secret"}
 
 
 def test_a_planner_under_another_ones_name_is_found(honest: Make, tmp_path: Path) -> None:

@@ -21,13 +21,23 @@ from tsbench.episode.perception_level import load_level
 from tsbench.leaderboard.players import copy_traces, telling
 from tsbench.leaderboard.site import build_site
 from tsbench.leaderboard.submission import Submission, SubmittedEpisode
-from tsbench.leaderboard.verification import Mismatch, Verification
+from tsbench.leaderboard.verification import Mismatch, Verification, draw
+from tsbench.run.edition import contract_now
 from tsbench.scenarios.table import read_table, table_path
 
 Make = Callable[..., Submission]
 with using_city(TOWN):
-    DEV = sorted(row.scenario_id for row in read_table(table_path("dev")))
-DEV_ROWS, TWO = len(DEV), (DEV[0], DEV[1])
+    ROWS = read_table(table_path("dev"))
+    CONTRACT = contract_now("dev")
+DEV, DEV_ROWS = sorted(row.scenario_id for row in ROWS), len(ROWS)
+
+
+def drawn(count: int) -> tuple[str, ...]:
+    """What a verifier with the seed 7 has to drive."""
+    return tuple(row.scenario_id for row in draw(CONTRACT, ROWS, ROWS, count, 7))  # type: ignore[arg-type]
+
+
+TWO, EIGHT = drawn(2), drawn(8)
 
 
 def put(folder: Path, name: str, submission: Submission) -> str:
@@ -67,7 +77,7 @@ def test_rows_stand_by_paired_scd_and_refuted_ones_last(honest: Make, tmp_path: 
     assert "Reads &lt;b&gt;nothing&lt;/b&gt;." in own.read_text()
     assert "Nobody yet." in own.read_text()
     # One who finds it otherwise is enough.
-    wrong = record(good, verifier="bob", equal=1, differences=(Mismatch(DEV[1], "verdict is another"),))
+    wrong = record(good, verifier="bob", equal=1, differences=(Mismatch(TWO[1], "verdict is another"),))
     (base / "b" / "bob.json").write_text(wrong.to_json())
     build(base, out)
     page = (out / "index.html").read_text()
@@ -95,7 +105,7 @@ def test_bytes_and_verdicts_are_told_apart(honest: Make, tmp_path: Path) -> None
     base, out = tmp_path / "all", tmp_path / "site"
     of = put(base, "idm.json", honest("idm"))
     why = ("the arithmetic of libm is another (glibc 2.36, now glibc 2.40)", "numpy is 1.0, not 2.0")
-    few = record(of, driven=tuple(DEV[:8]), equal=7, explained=(DEV[7],), arithmetic_differences=why)
+    few = record(of, sample=8, driven=EIGHT, equal=7, explained=(EIGHT[7],), arithmetic_differences=why)
     most = record(of, verifier="bob", equal=0, explained=TWO, arithmetic_differences=why)
     (base / "few.json").write_text(few.to_json())
     build(base, out)
@@ -181,7 +191,8 @@ def test_a_planner_over_cities(honest: Make, tmp_path: Path) -> None:
     build(base, out)
     (own,) = out.glob("idm-*.html")
     assert "paired SCD of idm by city, dev split: elsewhere " in own.read_text()
-    # Another code under the same name is another planner.
+    # Another code under the same name is another planner, and none is found by trial that has its number.
+    assert re.fullmatch(r"idm-[0-9a-f]{16}\.html", own.name)
     away = honest("idm", city="elsewhere", contract="1" * 64)
     put(base, "away.json", replace(away, planner=replace(away.planner, code_sha256="f" * 64)))
     build(base, out)
@@ -275,9 +286,11 @@ def test_a_record_is_of_what_a_submission_says_and_of_its_episodes(honest: Make,
         ({"driven": (), "equal": 0}, "no episode was driven"),
         ({"driven": (DEV[0], DEV[0])}, "or one twice"),
         ({"equal": 1}, "the counts do not fit"),
-        ({"explained": (DEV[5],), "equal": 1}, "the counts do not fit"),
+        ({"explained": ("x",), "equal": 1}, "the counts do not fit"),
         ({"explained": TWO, "equal": 0}, "2 episodes have other bytes, and nothing explains them"),
         ({"driven": ("a", "b")}, "says that a was driven, of which"),
+        ({"driven": TWO[:1], "equal": 1}, "seed 7 draws other episodes than it says"),
+        ({"verifier": "alice\u200b"}, "has a character that nobody sees"),
     ):
         (base / "v.json").write_text(record(digest, **changes).to_json())
         with pytest.raises(InputError, match=told):

@@ -14,7 +14,7 @@ from tsbench.core.errors import InputError
 from tsbench.episode.perception_level import EXACTLY
 from tsbench.leaderboard.claim import claim_of, claims_of
 from tsbench.leaderboard.submission import Submission, SubmittedEpisode, figures_of
-from tsbench.leaderboard.verification import ClaimVerdict, Verification, _draw, read_verification, verify
+from tsbench.leaderboard.verification import ClaimVerdict, Verification, draw, read_verification, verify
 from tsbench.scenarios.table import read_table, table_path
 
 Make = Callable[..., Submission]
@@ -56,7 +56,10 @@ def test_an_honest_one_is_confirmed_byte_for_byte(honest: Make, tmp_path: Path) 
     # The draw is the verifier's: by the seed, and nothing else.
     (tmp_path / "idm.json").write_text(honest("idm").to_json())
     claim, table = claim_of(tmp_path / "idm.json"), read_table(table_path("dev"))
-    drawn = [tuple(row.scenario_id for row in _draw(claim, table, 2, seed)) for seed in (3, 4)]
+    drawn = [
+        tuple(row.scenario_id for row in draw(claim.contract, claim.episodes, table, 2, seed))
+        for seed in (3, 4)
+    ]
     assert drawn[0] == found.driven != drawn[1]
 
 

@@ -15,9 +15,10 @@ import tsbench
 from tsbench.core.errors import InputError
 from tsbench.run import opened_files
 from tsbench.run.log.manifest import marks_of, read_manifest
+from tsbench.run.planner_info import describe
 
 PLANNER = """
-import os, signal, socket, sqlite3, subprocess, sys
+import ctypes, os, signal, socket, sqlite3, subprocess, sys
 from pathlib import Path
 from tsbench import Control
 
@@ -108,7 +109,20 @@ LEAVES = {
     "forks": "os.fork() or os._exit(0)",
     "connects": "socket.socket(socket.AF_UNIX).connect_ex('nobody')",
     "signals": "os.kill(os.getppid(), 0)",
+    "calls C": "ctypes.CDLL(None).mkdir(b'note', 0o700)",
 }  # fmt: skip
+
+
+def test_whose_constructor_takes_functions_of_c_may_do_what_nobody_sees(tmp_path: Path) -> None:
+    made = (
+        "class P:\n    floor = False\n    def __init__(self):\n        self.write = ctypes.CDLL(None).creat\n"
+    )
+    (tmp_path / "mine.py").write_text(
+        f"import ctypes\n{made}    def reset(self, c): pass\n    def act(self, o): pass\n"
+    )
+    assert describe(f"{tmp_path / 'mine.py'}:P").unseen == ("ctypes",)
+
+
 STAYS = {
     "nothing": "pass",
     "reads": READS,

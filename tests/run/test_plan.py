@@ -112,19 +112,20 @@ def test_hand_out_keeps_a_network_with_its_worker() -> None:
     assert sorted(task.number for task in [*first, *rest]) == list(range(1, 41))
 
 
-def test_neither_half_of_a_pair_is_always_first() -> None:
-    """The order is that of a hash of the rows' names, whatever order they come in."""
+def test_what_came_before_tells_nothing_of_the_half() -> None:
+    """Neither half of a pair is always first, and the order of a run is not that of another one."""
     rows = [
         replace(specs(maps=1)[0], scenario_id=f"{pair}{half}") for pair in range(40) for half in ("", "-c")
     ]
     tasks = [Task(n, 0, row) for n, row in enumerate(rows, start=1)]
     orders = []
-    for given in (tasks, tasks[::-1]):
-        hand_out = TaskQueue(given)
-        orders.append([hand_out.next(0).spec.scenario_id for _ in rows])
-    assert orders[0] == orders[1]
-    signed_first = sum(orders[0].index(f"{pair}") < orders[0].index(f"{pair}-c") for pair in range(40))
-    assert 8 < signed_first < 32
+    for hand_out in (TaskQueue(tasks), TaskQueue(tasks)):
+        order = [hand_out.next(0).spec.scenario_id for _ in rows]
+        signed_first = sum(order.index(f"{pair}") < order.index(f"{pair}-c") for pair in range(40))
+        # Outside of this in one of 20,000 draws.
+        assert 8 <= signed_first <= 32
+        orders.append(order)
+    assert sum(one == other for one, other in zip(*orders, strict=True)) < 20
 
 
 def test_hand_out_of_one_network_still_keeps_all_busy() -> None:

@@ -165,6 +165,11 @@ def _data_package() -> tuple[Path, ...]:
             f"tsbench {tsbench.__version__} and tsbench-data {theirs} do not belong together: "
             f"pip install tsbench-data=={tsbench.__version__}"
         )
+    return installed_data()
+
+
+def installed_data() -> tuple[Path, ...]:
+    """The folder of `tsbench_data` where it is installed, whether it is read here or not."""
     spec = find_spec("tsbench_data")
     return tuple(Path(folder) for folder in (spec.submodule_search_locations or ())) if spec else ()
 

@@ -68,6 +68,9 @@ def fault_in_name(name: str) -> str:
     """What may show readers another name than this one, "" where nothing does."""
     if not name.strip() or len(name) > _LONGEST_NAME:
         return f"expected a name of 1 to {_LONGEST_NAME} characters"
+    # A page shows one space where several stand, and none at an end.
+    if name != name.strip(" ") or "  " in name:
+        return f"{name!a}: has spaces that nobody sees"
     for character in name:
         kind = unicodedata.category(character)
         if kind in _UNSEEN or _BLANK.match(character) or (kind == "Zs" and character != " "):

@@ -18,15 +18,17 @@ from tsbench.core.textfile import read_json
 from tsbench.leaderboard.submission import KIND as SUBMISSION
 from tsbench.leaderboard.submission import Figure, Submission, figures_of, read_submission
 from tsbench.leaderboard.verification import KIND as VERIFICATION
-from tsbench.leaderboard.verification import ClaimVerdict, Verification, read_verification
+from tsbench.leaderboard.verification import ClaimVerdict, Verification, draw, read_verification
 from tsbench.metrics.scd_records import PAIRED, SIGNED_ONES
 from tsbench.planners.registry import comes_with_tsbench
 from tsbench.run.edition import LOCAL, contract_now, edition_of, standing_contract
 from tsbench.scenarios.table import read_table, splits_there, table_path
 
 _SHORT = 8
-# File names of `BoardRow.page`.
-PAGE = re.compile(rf"[a-z0-9]+(-[a-z0-9]+)*-[0-9a-f]{{{_SHORT}}}\.html")
+# Long enough that no code is found by trial that has the number of somebody else's.
+_OF_PLANNER = 16
+# File names of `BoardRow.page`, and of older ones.
+PAGE = re.compile(rf"[a-z0-9]+(-[a-z0-9]+)*-[0-9a-f]{{{_SHORT},{_OF_PLANNER}}}\.html")
 
 
 @dataclass(frozen=True)
@@ -69,7 +71,7 @@ class BoardRow:
         p = self.submission.planner
         hashes = [p.code_sha256, p.weights_sha256, *p.files]
         known = any(hashes) or comes_with_tsbench(p.spec)
-        return digest([p.name, *(hashes if known else [self.sha256])])[:_SHORT]
+        return digest([p.name, *(hashes if known else [self.sha256])])[:_OF_PLANNER]
 
     @property
     def page(self) -> str:
@@ -154,9 +156,17 @@ def read_rows(folder: Path) -> list[BoardRow]:
             raise InputError(
                 f"{path}: says that {min(strange)} was driven, of which {row.path} has no episode"
             )
+        if row.checked and list(record.driven) != _drawn(row.submission, record):
+            raise InputError(f"{path}: seed {record.seed} draws other episodes than it says were driven")
         row.verifications.append(record)
     _check_names(rows.values())
     return list(rows.values())
+
+
+def _drawn(s: Submission, record: Verification) -> list[str]:
+    with driving(s.city):
+        table = read_table(table_path(s.split))
+    return [spec.scenario_id for spec in draw(s.contract, s.episodes, table, record.sample, record.seed)]
 
 
 def _check_names(rows: Iterable[BoardRow]) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.seeds import rng_of
-from tsbench.core.text import one_line
+from tsbench.core.text import fault_in_name, one_line
 from tsbench.core.textfile import read_json
 from tsbench.core.typed import typed
 from tsbench.leaderboard.claim import Claim
@@ -120,7 +120,8 @@ def read_verification(path: Path) -> Verification:
         found = typed(Verification, data)
     except (ValueError, TypeError) as problem:
         raise InputError(f"{path}: malformed ({' '.join(str(problem).split())[:200]})") from None
-    if fault := _fault_of_counts(found) or fault_of_lines(data):
+    by = found.verifier and fault_in_name(found.verifier)
+    if fault := _fault_of_counts(found) or fault_of_lines(data) or by:
         raise InputError(f"{path}: {fault}")
     if said != found.verdict:
         raise InputError(f"{path}: says {said!r:.60}, by its counts it is {found.verdict!s}")
@@ -155,6 +156,8 @@ def verify(
     shared_process: beside the referee, for a planner whose code the verifier trusts. A claim says nothing on this.
     Raises InputError: another contract here, no such planner, or one that was driven on what no isolated planner has.
     """
+    if fault := verifier and fault_in_name(verifier):
+        raise InputError(f"--by {fault}")
     if claim.device != "cpu" and not shared_process:
         raise InputError(
             f"{claim.path}: was driven on {claim.device}, and isolated planners run on the CPU: if you trust the "
@@ -174,7 +177,7 @@ def verify(
     name = edition_of(claim.contract, claim.edition).removesuffix(LOCAL)
     if name != claim.edition.removesuffix(LOCAL):
         found.append(Mismatch("", f"its edition is {claim.edition} as submitted, {name} by its contract"))
-    specs = _draw(claim, table, sample, seed)
+    specs = draw(claim.contract, claim.episodes, table, sample, seed)
     info, records = _drive(driven, claim, specs, not shared_process, workers, on_progress)
     if info.name != claim.planner.name:
         found.append(
@@ -239,11 +242,17 @@ def _rounded(figure: Any) -> tuple[Any, ...]:
     return (*(None if v is None else round(v, _DIGITS) for v in values), figure.n)
 
 
-def _draw(claim: Claim, table: Sequence[ScenarioSpec], sample: int, seed: int) -> list[ScenarioSpec]:
-    """Episodes of the claim, drawn without replacement, in the order of their ids."""
-    there = {episode.scenario_id for episode in claim.episodes}
-    rows = [spec for spec in table if spec.scenario_id in there]
-    chosen = rng_of("verify", claim.contract, seed).choice(len(rows), min(sample, len(rows)), replace=False)
+def draw(
+    contract: str,
+    episodes: Sequence[SubmittedEpisode],
+    table: Sequence[ScenarioSpec],
+    sample: int,
+    seed: int,
+) -> list[ScenarioSpec]:
+    """Episodes of a claim, drawn without replacement, in the order of their ids."""
+    there = {episode.scenario_id for episode in episodes}
+    rows = sorted((spec for spec in table if spec.scenario_id in there), key=lambda row: row.scenario_id)
+    chosen = rng_of("verify", contract, seed).choice(len(rows), min(sample, len(rows)), replace=False)
     return [rows[k] for k in sorted(chosen)]
 
 

@@ -31,10 +31,11 @@ _DATA = ("cities", "scenarios", "sign_catalog", "sumo_nets")
 _SYSTEM = ("/dev", "/etc", "/proc", "/sys", "/usr")
 # Events of Python after which something is left outside the process; files that are opened to be written are others.
 _LEAVES = frozenset((
-    "fcntl.fcntl", "os.chflags", "os.chmod", "os.chown", "os.exec", "os.fork", "os.forkpty", "os.kill", "os.killpg",
-    "os.link", "os.mkdir", "os.posix_spawn", "os.remove", "os.removexattr", "os.rename", "os.rmdir", "os.setxattr",
-    "os.symlink", "os.system", "os.truncate", "os.utime", "resource.prlimit", "socket.bind", "socket.connect",
-    "socket.sendmsg", "socket.sendto", "sqlite3.connect", "subprocess.Popen", "syslog.syslog",
+    "ctypes.dlsym", "fcntl.fcntl", "os.chflags", "os.chmod", "os.chown", "os.exec", "os.fork", "os.forkpty",
+    "os.kill", "os.killpg", "os.link", "os.mkdir", "os.posix_spawn", "os.remove", "os.removexattr", "os.rename",
+    "os.rmdir", "os.setxattr", "os.symlink", "os.system", "os.truncate", "os.utime", "resource.prlimit",
+    "socket.bind", "socket.connect", "socket.sendmsg", "socket.sendto", "sqlite3.connect", "subprocess.Popen",
+    "syslog.syslog",
 ))  # fmt: skip
 _OF_PATHS = ("open", "os.ch", "os.link", "os.mk", "os.r", "os.set", "os.sym", "os.t", "os.u", "sqlite3.")
 _WRITES = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC
@@ -62,11 +63,14 @@ class Opened:
 
 @dataclass
 class _Notes:
-    """files: what was opened, and whether to be written. leaves: called at each thing in `left`."""
+    """files: what was opened, and whether to be written. leaves: called at each thing in `left`. by_ctypes: was a
+    function of a C library asked for?
+    """
 
     leaves: Callable[[], None]
     files: list[tuple[Path, bool]] = field(default_factory=list)
     left: list[str] = field(default_factory=list)
+    by_ctypes: bool = False
 
 
 @contextmanager
@@ -89,7 +93,9 @@ def noted(leaves: Callable[[], None] = lambda: None) -> Iterator[Opened]:
         written = {path for path, writes in real if writes}
         opened.files = tuple(sorted({path for path, _ in real} - written))
         opened.left = tuple(dict.fromkeys(notes.left))
-        opened.unseen = tuple(sorted(set(map(_native, sys.modules.keys() - modules)) - {""}))
+        unseen = {_native(module) for module in sys.modules.keys() - modules} - {""}
+        # What it calls by these stays unseen, also later.
+        opened.unseen = tuple(sorted(unseen | {"ctypes"} if notes.by_ctypes else unseen))
 
 
 def _hook(event: str, arguments: tuple[object, ...]) -> None:
@@ -107,7 +113,9 @@ def _hook(event: str, arguments: tuple[object, ...]) -> None:
                 _leave(notes, event, path)
     elif event in _LEAVES:
         # A link and a rename leave something where they lead to; before an address stands its socket.
-        second = event in ("os.link", "os.rename", "os.symlink") or event.startswith("socket.")
+        second = event in ("ctypes.dlsym", "os.link", "os.rename", "os.symlink") or event.startswith(
+            "socket."
+        )
         thing = arguments[second] if arguments else ""
         # Memory of sqlite's is the process's own, and a message without an address goes where a socket is connected.
         if thing not in (None, ":memory:"):
@@ -115,6 +123,7 @@ def _hook(event: str, arguments: tuple[object, ...]) -> None:
 
 
 def _leave(notes: _Notes, event: str, thing: object) -> None:
+    notes.by_ctypes |= event == "ctypes.dlsym"
     path = None
     if isinstance(thing, str | bytes | os.PathLike) and event.startswith(_OF_PATHS):
         path = _absolute(os.fspath(thing))

@@ -16,7 +16,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
 from tsbench.core.machine import adopt_orphans
 from tsbench.core.paths import expanded
-from tsbench.core.provenance import closure, digest
+from tsbench.core.provenance import MOST_BYTES, closure, digest
 from tsbench.planners.base import Planner
 from tsbench.planners.common.batching import DEVICES
 from tsbench.planners.loading import cause_with_place
@@ -115,7 +115,7 @@ def changed(opened: Iterable[str], place: Path | None) -> list[str]:
     for line in opened:
         told, _, name = line.partition("  ")
         path = (place or Path()) / expanded(name)
-        if not path.is_file() or sha256_of(path) != told:
+        if not path.is_file() or path.stat().st_size > MOST_BYTES or sha256_of(path) != told:
             found.append(name)
     return found
 

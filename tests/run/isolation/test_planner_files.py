@@ -18,7 +18,7 @@ from tsbench.planners.base import PlannerContext
 from tsbench.run import opened_files
 from tsbench.run.isolation import planner_files as files
 from tsbench.run.isolation import sandbox_paths
-from tsbench.run.isolation.isolated_loading import changed_files, describe, load
+from tsbench.run.isolation.isolated_loading import changed_files, code_hash, describe, load
 from tsbench.run.isolation.planner_files import PlannerFiles
 from tsbench.run.isolation.process import PlannerProcess
 from tsbench.run.isolation.sandbox_paths import is_installed, is_public
@@ -267,3 +267,9 @@ def test_a_folder_that_is_too_large_is_refused_before_it_is_read(tmp_path: Path)
         describe(f"{file}:P")
     with pytest.raises(InputError, match="8 GiB"):
         describe(f"exe:{(tmp_path / 'net.bin').rename(tmp_path / 'program')}")
+    (tmp_path / "program").chmod(0o755)
+    with pytest.raises(InputError, match="8 GiB"):
+        code_hash(f"exe:{tmp_path / 'program'}")
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(InputError, match="no file that can be executed"):
+        code_hash(f"exe:{tmp_path / 'pipe'}")

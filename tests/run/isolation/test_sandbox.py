@@ -15,6 +15,7 @@ from patience import HANG_S, eventually
 from tsbench.core.errors import InputError
 from tsbench.run.isolation import sandbox, system_calls
 from tsbench.run.isolation.isolated_loading import describe
+from tsbench.run.isolation.sandbox_paths import covered
 
 # Says what it finds where its process can say it.
 TELLS = """
@@ -244,6 +245,16 @@ def test_on_a_machine_whose_calls_are_not_known_nothing_is_driven(monkeypatch: p
         describe("idm")
 
 
+def test_installed_scenes_are_covered_also_where_others_are_driven(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They lie with Python's packages, which every sandbox shows."""
+    scenes = tmp_path / "tsbench_data" / "scenarios"
+    scenes.mkdir(parents=True)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert scenes in covered(())
+
+
 def test_what_lies_where_a_sandbox_has_nothing_is_not_covered(tmp_path: Path) -> None:
     """A cover is put on what is shown, and nowhere else: there bubblewrap would make a folder of that name."""
     own, copy = tmp_path / "own", tmp_path / "copy"
@@ -253,5 +264,5 @@ def test_what_lies_where_a_sandbox_has_nothing_is_not_covered(tmp_path: Path) ->
     maker = sandbox._Maker("bwrap", "0", "setpriv", "prlimit", as_root=True)
     covers = [str(own / name) for name in ("runs", "data", "table")]
     made = sandbox.sandbox_arguments(maker, [(str(copy), str(own))], covers)
-    covered = made[made.index(str(own)) + 1 :]
-    assert [word for word in covered if word.startswith(str(tmp_path))] == [covers[1], covers[1], covers[2]]
+    after = made[made.index(str(own)) + 1 :]
+    assert [word for word in after if word.startswith(str(tmp_path))] == [covers[1], covers[1], covers[2]]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
+import random
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -10,10 +10,6 @@ from dataclasses import dataclass
 from tsbench.scenarios.spec import ScenarioSpec
 
 _Key = tuple[int, str]
-
-
-def _hash(name: str) -> bytes:
-    return hashlib.sha256(name.encode()).digest()
 
 
 @dataclass(frozen=True)
@@ -28,15 +24,17 @@ class Task:
 class TaskQueue:
     """Tasks in chunks of one planner and network, planner by planner; an idle worker takes from the longest.
 
-    Chunks, and tasks in them, are in the order of a hash of their names: nothing follows from what came before.
+    Chunks, and tasks in them, are in an order that nobody knows before: nothing follows from how many came before,
+    which a planner sees by the numbers of processes and by the clock.
     """
 
     def __init__(self, tasks: Iterable[Task]) -> None:
+        draw = random.SystemRandom()
         self._chunks: dict[_Key, deque[Task]] = {}
-        for task in sorted(tasks, key=lambda task: _hash(task.spec.scenario_id)):
+        for task in sorted(tasks, key=lambda _: draw.random()):
             self._chunks.setdefault((task.planner, task.spec.net), deque()).append(task)
         self._fresh: dict[int, deque[_Key]] = {}
-        for key in sorted(self._chunks, key=lambda key: (key[0], _hash(key[1]))):
+        for key in sorted(self._chunks, key=lambda key: (key[0], draw.random())):
             self._fresh.setdefault(key[0], deque()).append(key)
         self._mine: dict[int, _Key] = {}
         self._returned: deque[Task] = deque()

@@ -11,14 +11,21 @@ from typing import Any
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
-from tsbench.core.provenance import closure, digest
+from tsbench.core.paths import expanded
+from tsbench.core.provenance import MOST_BYTES, closure, digest
 from tsbench.planners.registry import EXPERT, LoadedPlanner, entry, in_package, is_own
 from tsbench.planners.weights import file_of
 from tsbench.run import opened_files
 from tsbench.run.isolation.image import image_of
 from tsbench.run.isolation.planner_files import PlannerFiles
 from tsbench.run.isolation.process import IsolatedPlanner, PlannerProcess
-from tsbench.run.isolation.sandbox_paths import EXECUTABLE, module_file, source_of, source_places
+from tsbench.run.isolation.sandbox_paths import (
+    EXECUTABLE,
+    command_of,
+    module_file,
+    source_of,
+    source_places,
+)
 from tsbench.run.planner_info import PlannerInfo, changed, check_unchanged
 
 # Of its name, characters.
@@ -88,17 +95,28 @@ def changed_files(spec: str, planner: PlannerInfo) -> list[str]:
         here.remove()
         return opened_files.names({*planner.files} - {*here.lines})
     place = files_place(inner)
-    own = [line for line in planner.opened if not line.partition("  ")[2].startswith(("/", "~/"))]
-    return opened_files.names(own) if place is None else changed(own, place)
+    own = {
+        name: line for line in planner.opened if not (name := line.partition("  ")[2]).startswith(("/", "~/"))
+    }
+    # A run names what lies there. Any other name would have a file of this machine's read for whoever wrote it.
+    known = [
+        line
+        for name, line in own.items()
+        if place and (place / expanded(name)).resolve().is_relative_to(place)
+    ]
+    return [*opened_files.names({*own.values()} - {*known}), *changed(known, place)]
 
 
 def code_hash(spec: str) -> str | None:
     """SHA-256 (hex) of a planner's code, as a run in one process has it; of an executable that of its file.
 
-    spec: without its image.
+    spec: without its image. Raises InputError for what is no executable file, and for one that is too large.
     """
     if spec.startswith(EXECUTABLE):
-        return sha256_of(Path(spec.removeprefix(EXECUTABLE)))
+        path = Path(command_of(spec, "")[0])
+        if path.stat().st_size > MOST_BYTES:
+            raise InputError(f"planner {spec!r}: {path} has more than {MOST_BYTES >> 30} GiB")
+        return sha256_of(path)
     if in_package(source_of(spec)):
         return None
     file = _file(spec)

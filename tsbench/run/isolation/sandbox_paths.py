@@ -12,7 +12,7 @@ from site import getsitepackages
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.machine import ONE_THREAD
-from tsbench.core.paths import data_file, roots
+from tsbench.core.paths import data_file, installed_data, roots
 from tsbench.planners.registry import EXPERT
 from tsbench.planners.registry import place_of as registered_place
 
@@ -142,7 +142,7 @@ def is_of_tsbench(place: Path) -> bool:
 
 def covered(hidden: Sequence[Path]) -> list[Path]:
     """What no sandbox shows, wherever it lies: the data that tell of scenes, and `hidden`."""
-    data = {place / name for place in roots() if place != _PACKAGE for name in _DATA}
+    data = {place / name for place in (*roots(), *installed_data()) if place != _PACKAGE for name in _DATA}
     return sorted(data | {path.resolve() for path in hidden})
 
 

@@ -230,6 +230,9 @@ def read_manifest(folder: Path, name: str = NAME) -> Manifest | None:
     path = folder / name
     if not (path.exists() or path.is_symlink()):
         return None
+    # Reading it would wait for a writer.
+    if path.is_fifo():
+        raise InputError(f"{path}: is a pipe, not the manifest of a tsbench run")
     manifest: Manifest = read_json(path, "run manifest")
     if not isinstance(manifest, dict) or "contract" not in manifest or "schema_version" not in manifest:
         raise InputError(f"{path}: not the manifest of a tsbench run")
