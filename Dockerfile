@@ -1,7 +1,8 @@
 # tsbench with pictures, reports and films: docker build -t tsbench .
 # Run folders go to the folder that is mounted at /work:
 #   docker run --rm --user "$(id -u):$(id -g)" -v "$PWD:/work" tsbench run --planner idm --split dev --out first
-FROM python:3.12-slim
+# By digest, so that the same base is built on everywhere; docker buildx imagetools inspect python:3.12-slim tells a newer one.
+FROM python:3.12-slim@sha256:78387bc3881b8273120a12ebe6c1ab22b018ccc2c9adf565ae1ac9b536e184ea
 
 # SUMO's library is linked against those of a desktop, though it opens no window.
 RUN apt-get update \

@@ -152,14 +152,21 @@ def _accounts_kept() -> Iterator[Callable[[], None]]:
         restore()
 
 
+# A signal that is lost, as two at once are, is missed for so long.
+_LOOK_S = 0.1
+
+
 def _end_of(child: int) -> int:
-    """How a child ended, which nobody can ask for: the signal of its end says it, unless another came just before."""
-    with suppress(ChildProcessError):
-        os.waitpid(child, 0)
-    while told := signal.sigtimedwait({signal.SIGCHLD}, 0):
-        if told.si_pid == child and told.si_code > 0:
+    """How a child ended. No call tells it where children leave no accounts, but the signal of its end does."""
+    while True:
+        told = signal.sigtimedwait({signal.SIGCHLD}, _LOOK_S)
+        if told is not None and told.si_pid == child and told.si_code > 0:
             return told.si_status if told.si_code == os.CLD_EXITED else -told.si_status
-    return -signal.SIGKILL
+        try:
+            os.kill(child, 0)
+        except ProcessLookupError:
+            # Its signal came together with that of another child.
+            return -signal.SIGKILL
 
 
 def _reopen_files() -> None:
