@@ -1,7 +1,13 @@
-"""nuPlan's planner protocol, spoken to planners that were written for it; nuplan-devkit itself is not needed."""
+"""nuPlan's planner protocol, spoken to planners that were written for it, with or without nuplan-devkit."""
 
-from tsbench.adapters.nuplan.nuplan_planner import NuPlanPlanner, PlannerInitialization, PlannerInput
-from tsbench.adapters.nuplan.states import StateSE2, TimePoint, TrackedObjectType
+from tsbench.adapters.nuplan.nuplan_planner import NuPlanPlanner
+from tsbench.adapters.nuplan.states import (
+    PlannerInitialization,
+    PlannerInput,
+    StateSE2,
+    TimePoint,
+    TrackedObjectType,
+)
 
 __all__ = [
     "NuPlanPlanner",

@@ -6,7 +6,7 @@ nothing of tsbench; `Pdm` is the class that `--planner` names.
 
 from typing import ClassVar
 
-from tsbench.adapters.nuplan import NuPlanPlanner
+from tsbench.adapters.nuplan import NuPlanPlanner, states
 from tsbench.adapters.pdm.pdm_planner import PdmPlanner
 
 
@@ -16,6 +16,8 @@ class Pdm(NuPlanPlanner):
     sign_access = False
     make = staticmethod(PdmPlanner)
     every: ClassVar[int] = 2
+    # The same bytes whether or not nuplan-devkit is there.
+    kit = states
 
 
 __all__ = ["Pdm", "PdmPlanner"]
