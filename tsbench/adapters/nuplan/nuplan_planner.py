@@ -90,7 +90,9 @@ class NuPlanPlanner:
         self._route = told
         x, y = path.line.point_at(path.destination_s)
         goal = self.kit.StateSE2(x, y, path.line.heading_at(path.destination_s))
-        self._planner.initialize(self.kit.PlannerInitialization(list(told), goal, self._map))
+        # IDMPlanner asks for two roadblocks at least, and nuPlan's own routes name some twice.
+        ids = told * 2 if len(told) == 1 else list(told)
+        self._planner.initialize(self.kit.PlannerInitialization(ids, goal, self._map))
         return True
 
     def _ask(self, o: Observation, now: Any) -> tuple[Array, Array]:

@@ -66,7 +66,7 @@ class Route:
     """The lanes of a route's roadblocks, and how many lane changes each still needs to the end of it."""
 
     def __init__(self, initialization: Any) -> None:
-        roads, ids = initialization.map_api, initialization.route_roadblock_ids
+        roads, ids = initialization.map_api, list(dict.fromkeys(initialization.route_roadblock_ids))
         layers = {layer.name: layer for layer in roads.get_available_map_objects()}
         ordinary = [roads.get_map_object(name, layers["ROADBLOCK"]) for name in ids]
         joints = [roads.get_map_object(name, layers["ROADBLOCK_CONNECTOR"]) for name in ids]
