@@ -1,6 +1,6 @@
 """nuPlan's planner protocol, spoken to planners that were written for it, with or without nuplan-devkit."""
 
-from tsbench.adapters.nuplan.nuplan_planner import NuPlanPlanner
+from tsbench.adapters.nuplan.nuplan_planner import NuPlanPlanner, adapted
 from tsbench.adapters.nuplan.states import (
     PlannerInitialization,
     PlannerInput,
@@ -16,4 +16,5 @@ __all__ = [
     "StateSE2",
     "TimePoint",
     "TrackedObjectType",
+    "adapted",
 ]

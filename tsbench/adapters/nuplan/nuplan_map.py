@@ -130,7 +130,8 @@ class LaneGraphEdge(NuPlanArea):
 
     @property
     def parent(self) -> NuPlanRoadBlock:
-        return self._roads.roadblock(self._roadblock)
+        found: NuPlanRoadBlock = self._roads.roadblock(self._roadblock)
+        return found
 
     @property
     def parallel_edges(self) -> list[LaneGraphEdge]:

@@ -6,8 +6,10 @@ followed by the tracker that follows every `Trajectory`. Units: m, s, rad.
 
 from __future__ import annotations
 
+import ast
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -18,6 +20,7 @@ from tsbench.core.errors import InputError
 from tsbench.geometry.polyline import Array
 from tsbench.planners.base import Observation, PlannerContext, Trajectory
 from tsbench.planners.geometry import EGO
+from tsbench.planners.loading import import_attribute
 from tsbench.roads.lane_graph import RoutePath
 
 _KEPT = 21
@@ -50,6 +53,9 @@ class NuPlanPlanner:
         if not hasattr(type(self), "make"):
             raise InputError(f"{type(self).__name__}: say which planner: make = staticmethod(MyPlanner)")
         self._planner = type(self).make()
+        missing = [n for n in ("initialize", "compute_planner_trajectory") if not hasattr(self._planner, n)]
+        if missing:
+            raise InputError(f"{self._name()}: a planner of nuPlan's has {' and '.join(missing)}")
         self._map: NuPlanMap
         self._context: PlannerContext
         self._path: RoutePath | None = None
@@ -111,6 +117,28 @@ class NuPlanPlanner:
 
     def _name(self) -> str:
         return type(self._planner).__name__
+
+
+def adapted(source: str, named: str, where: str) -> type[NuPlanPlanner]:
+    """The class that drives what `nuplan:source:named` names: a class or a factory, with literals as arguments.
+
+    where: begins the line of an InputError.
+    """
+    attribute, bracket, _ = named.partition("(")
+    make: Any = import_attribute(source, attribute, where)
+    try:
+        call = ast.parse(named if bracket else f"{named}()", mode="eval").body
+        if not isinstance(call, ast.Call):
+            raise ValueError(named)
+        given = [ast.literal_eval(value) for value in call.args]
+        by_name = {str(keyword.arg): ast.literal_eval(keyword.value) for keyword in call.keywords}
+    except (SyntaxError, ValueError):
+        raise InputError(
+            f"{where}: write arguments as in {attribute}(horizon=4.0, offsets=[-1, 1])"
+        ) from None
+
+    made = {"make": staticmethod(partial(make, *given, **by_name))}
+    return type(attribute, (NuPlanPlanner,), made)
 
 
 def _row(state: Any) -> tuple[float, float, float, float]:
