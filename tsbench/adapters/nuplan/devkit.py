@@ -6,7 +6,7 @@ import math
 from functools import cache
 from importlib.util import find_spec
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 from tsbench.adapters.nuplan import nuplan_map, states
 from tsbench.planners.base import Observation
@@ -14,24 +14,18 @@ from tsbench.planners.geometry import EGO
 from tsbench.planners.loading import import_attribute
 from tsbench.sim.world import ActorKind, EgoState
 
-_CAR, _SIM, _MAPS = "nuplan.common.actor_state", "nuplan.planning.simulation", "nuplan.common.maps"
+_MAPS = "nuplan.common.maps"
+# Where nuPlan has what `states` stands in for.
 _OWN = {
-    f"{_CAR}.state_representation": ("StateSE2", "StateVector2D", "TimePoint"),
-    f"{_CAR}.vehicle_parameters": ("VehicleParameters",),
-    f"{_CAR}.oriented_box": ("OrientedBox",),
-    f"{_CAR}.car_footprint": ("CarFootprint",),
-    f"{_CAR}.dynamic_car_state": ("DynamicCarState",),
-    f"{_CAR}.ego_state": ("EgoState",),
-    f"{_CAR}.scene_object": ("SceneObjectMetadata",),
-    f"{_CAR}.agent": ("Agent",),
-    f"{_CAR}.static_object": ("StaticObject",),
-    f"{_CAR}.tracked_objects": ("TrackedObjects",),
-    f"{_CAR}.tracked_objects_types": ("TrackedObjectType",),
-    f"{_SIM}.observation.observation_type": ("DetectionsTracks",),
-    f"{_SIM}.simulation_time_controller.simulation_iteration": ("SimulationIteration",),
-    f"{_SIM}.history.simulation_history_buffer": ("SimulationHistoryBuffer",),
-    f"{_SIM}.planner.abstract_planner": ("PlannerInitialization", "PlannerInput"),
-    f"{_MAPS}.maps_datatypes": ("SemanticMapLayer", "LaneConnectorType", "IntersectionType"),
+    "nuplan.common.actor_state": (
+        "agent car_footprint dynamic_car_state ego_state oriented_box scene_object state_representation static_object "
+        "tracked_objects tracked_objects_types vehicle_parameters"
+    ),
+    _MAPS: "maps_datatypes",
+    "nuplan.planning.simulation": (
+        "history.simulation_history_buffer observation.observation_type planner.abstract_planner "
+        "simulation_time_controller.simulation_iteration"
+    ),
 }
 _ABSTRACT = {
     "abstract_map.AbstractMap": nuplan_map.NuPlanMap,
@@ -60,12 +54,16 @@ def kit() -> Any:
         return states
     for place, ours in _ABSTRACT.items():
         module, _, name = place.partition(".")
-        _own(f"{_MAPS}.{module}", name).register(ours)
-    return SimpleNamespace(**{name: _own(module, name) for module, names in _OWN.items() for name in names})
-
-
-def _own(module: str, name: str) -> Any:
-    return import_attribute(module, name, "nuplan-devkit")
+        abstract: Any = import_attribute(f"{_MAPS}.{module}", name, "nuplan-devkit")
+        abstract.register(ours)
+    own: dict[str, Any] = {}
+    for package, modules in _OWN.items():
+        for module in modules.split():
+            own |= cast(
+                "dict[str, Any]", import_attribute(f"{package}.{module}", "__dict__", "nuplan-devkit")
+            )
+    names = [n for n, v in vars(states).items() if getattr(v, "__module__", "") == states.__name__]
+    return SimpleNamespace(**{name: own[name] for name in names if name[0] != "_"})
 
 
 def ego_state(kit: Any, ego: EgoState, time: Any) -> Any:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 from functools import cached_property
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -19,20 +20,12 @@ import shapely
 from tsbench.geometry.footprint import corners
 from tsbench.geometry.polyline import Array
 
-
-class TrackedObjectType(Enum):
-    """Kinds of objects, by nuPlan's names and values."""
-
-    VEHICLE = 0
-    PEDESTRIAN = 1
-    BICYCLE = 2
-    TRAFFIC_CONE = 3
-    BARRIER = 4
-    CZONE_SIGN = 5
-    GENERIC_OBJECT = 6
-    EGO = 7
-
-
+# By nuPlan's names and values.
+TrackedObjectType = Enum(
+    "TrackedObjectType",
+    "VEHICLE PEDESTRIAN BICYCLE TRAFFIC_CONE BARRIER CZONE_SIGN GENERIC_OBJECT EGO",
+    start=0,
+)
 SemanticMapLayer = IntEnum(
     "SemanticMapLayer",
     "LANE INTERSECTION STOP_LINE TURN_STOP CROSSWALK DRIVABLE_AREA YIELD TRAFFIC_LIGHT STOP_SIGN EXTENDED_PUDO "
@@ -55,6 +48,10 @@ class _StandIn:
             f"{type(self).__name__}.{name}: a stand-in has no such name; nuplan-devkit's own has, "
             "which is not installed (docs/adapters.md)"
         )
+
+
+def _alias(path: str) -> Any:
+    return property(attrgetter(path))
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -117,8 +114,18 @@ class StateVector2D(Point2D):
         return math.hypot(self.x, self.y)
 
 
+class _Sized(_StandIn):
+    @property
+    def half_length(self) -> float:
+        return self.length / 2
+
+    @property
+    def half_width(self) -> float:
+        return self.width / 2
+
+
 @dataclass(frozen=True)
-class VehicleParameters(_StandIn):
+class VehicleParameters(_Sized):
     """A car's sizes; front_length and rear_length are from its rear axle to its ends."""
 
     width: float
@@ -135,34 +142,18 @@ class VehicleParameters(_StandIn):
         return self.front_length + self.rear_length
 
     @property
-    def half_length(self) -> float:
-        return self.length / 2
-
-    @property
-    def half_width(self) -> float:
-        return self.width / 2
-
-    @property
     def rear_axle_to_center(self) -> float:
         return self.half_length - self.rear_length
 
 
 @dataclass(frozen=True)
-class OrientedBox(_StandIn):
+class OrientedBox(_Sized):
     """A footprint: its centre's pose and its sizes."""
 
     center: StateSE2
     length: float
     width: float
     height: float
-
-    @property
-    def half_length(self) -> float:
-        return self.length / 2
-
-    @property
-    def half_width(self) -> float:
-        return self.width / 2
 
     def all_corners(self) -> list[Point2D]:
         """Front left, rear left, rear right, front right."""
@@ -189,9 +180,7 @@ class CarFootprint(OrientedBox):
     def oriented_box(self) -> OrientedBox:
         return self
 
-    @property
-    def rear_axle_to_center_dist(self) -> float:
-        return self.vehicle_parameters.rear_axle_to_center
+    rear_axle_to_center_dist = _alias("vehicle_parameters.rear_axle_to_center")
 
     @cached_property
     def rear_axle(self) -> StateSE2:
@@ -241,21 +230,10 @@ class EgoState(_StandIn):
     is_in_auto_mode: bool
     time_point: TimePoint
 
-    @property
-    def center(self) -> StateSE2:
-        return self.car_footprint.center
-
-    @property
-    def rear_axle(self) -> StateSE2:
-        return self.car_footprint.rear_axle
-
-    @property
-    def time_us(self) -> int:
-        return self.time_point.time_us
-
-    @property
-    def time_seconds(self) -> float:
-        return self.time_point.time_s
+    center = _alias("car_footprint.center")
+    rear_axle = _alias("car_footprint.rear_axle")
+    time_us = _alias("time_point.time_us")
+    time_seconds = _alias("time_point.time_s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,21 +255,10 @@ class StaticObject(_StandIn):
     velocity: StateVector2D = StateVector2D(0.0, 0.0)
     predictions: None = None
 
-    @property
-    def box(self) -> OrientedBox:
-        return self.oriented_box
-
-    @property
-    def center(self) -> StateSE2:
-        return self.oriented_box.center
-
-    @property
-    def track_token(self) -> str:
-        return self.metadata.track_token
-
-    @property
-    def token(self) -> str:
-        return self.metadata.token
+    box = _alias("oriented_box")
+    center = _alias("oriented_box.center")
+    track_token = _alias("metadata.track_token")
+    token = _alias("metadata.token")
 
 
 class Agent(StaticObject):
@@ -340,13 +307,8 @@ class SimulationIteration(_StandIn):
     time_point: TimePoint
     index: int
 
-    @property
-    def time_us(self) -> int:
-        return self.time_point.time_us
-
-    @property
-    def time_s(self) -> float:
-        return self.time_point.time_s
+    time_us = _alias("time_point.time_us")
+    time_s = _alias("time_point.time_s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -361,17 +323,9 @@ class SimulationHistoryBuffer(_StandIn):
     def current_state(self) -> tuple[EgoState, DetectionsTracks]:
         return self.ego_states[-1], self.observations[-1]
 
-    @property
-    def ego_states(self) -> list[EgoState]:
-        return self.ego_state_buffer
-
-    @property
-    def observations(self) -> list[DetectionsTracks]:
-        return self.observations_buffer
-
-    @property
-    def observation_buffer(self) -> list[DetectionsTracks]:
-        return self.observations_buffer
+    ego_states = _alias("ego_state_buffer")
+    observations = _alias("observations_buffer")
+    observation_buffer = _alias("observations_buffer")
 
     @property
     def size(self) -> int:
