@@ -13,7 +13,7 @@ from collections.abc import Iterable, Sequence
 from enum import Enum
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import shapely
@@ -30,11 +30,8 @@ _CHORD_M = 1.0
 _STRAIGHT_RAD, _UTURN_RAD = math.radians(30.0), math.radians(150.0)
 
 
-class _Place(Protocol):
-    @property
-    def x(self) -> float: ...
-    @property
-    def y(self) -> float: ...
+# A point, a pose, or whatever else has x and y.
+_Place = Any
 
 
 class NuPlanPolylineMapObject:

@@ -10,7 +10,7 @@ import ast
 from collections import deque
 from collections.abc import Callable
 from functools import partial
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -27,22 +27,15 @@ _KEPT = 21
 _SOON_S = 1e-3
 
 
-class AbstractPlanner(Protocol):
-    """What is asked of the planner. Its trajectory has `get_sampled_trajectory()`: states of rear_axle, time_point."""
-
-    def initialize(self, initialization: Any) -> None: ...
-
-    def compute_planner_trajectory(self, current_input: Any) -> Any: ...
-
-
 class NuPlanPlanner:
     """Base of an adapter: name the planner in a class of your own and give that to `--planner` (docs/adapters.md).
 
-    make: returns the planner. every: ticks from one question to the next; between, its last trajectory is followed.
+    make: returns the planner, whose trajectories have `get_sampled_trajectory()`: states of rear_axle and time_point.
+    every: ticks from one question to the next; between, its last trajectory is followed.
     kit: what has the classes that it is told in; `devkit.kit` finds it, as the class is made.
     """
 
-    make: ClassVar[Callable[[], AbstractPlanner]]
+    make: ClassVar[Callable[[], Any]]
     every: ClassVar[int] = 1
     kit: ClassVar[Any]
 

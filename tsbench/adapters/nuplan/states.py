@@ -117,11 +117,11 @@ class StateVector2D(Point2D):
 class _Sized(_StandIn):
     @property
     def half_length(self) -> float:
-        return self.length / 2
+        return float(self.length / 2)
 
     @property
     def half_width(self) -> float:
-        return self.width / 2
+        return float(self.width / 2)
 
 
 @dataclass(frozen=True)
