@@ -2,24 +2,32 @@
 
 from __future__ import annotations
 
+import importlib
 import math
-from collections.abc import Iterable
+import sys
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import shapely
 from learned_scenes import Recorder, record, with_signs
+from planner_loop import load
 
-from tsbench.adapters.nuplan import NuPlanPlanner, StateSE2, TimePoint, TrackedObjectType
-from tsbench.adapters.nuplan.nuplan_map import NuPlanMap, SemanticMapLayer
+from tsbench.adapters.nuplan import NuPlanPlanner, StateSE2, TimePoint, TrackedObjectType, states
+from tsbench.adapters.nuplan.devkit import kit
+from tsbench.adapters.nuplan.nuplan_map import NuPlanMap
+from tsbench.adapters.nuplan.states import SemanticMapLayer
 from tsbench.core.errors import InputError
 from tsbench.episode.runner import EpisodeRunner
+from tsbench.planners.base import Trajectory
 from tsbench.planners.geometry import EGO
-from tsbench.planners.registry import LoadedPlanner
+from tsbench.planners.registry import LoadedPlanner, resolve
+from tsbench.roads.planner_map import build_planner_map
 from tsbench.scenarios.spec import CONTRAST
 from tsbench.scenarios.table import read_table, table_path
 
@@ -144,24 +152,6 @@ def test_others_by_kind_with_velocities_of_the_world(planner: Adapted, drive: Re
     assert len(tracked.get_agents()) + len(tracked.get_static_objects()) == len(tracked)
 
 
-def test_kinds_in_an_enum_of_the_planners_own(drive: Recorder) -> None:
-    class Own(Enum):
-        VEHICLE = "car"
-        PEDESTRIAN = "person"
-        BICYCLE = "bike"
-        TRAFFIC_CONE = "cone"
-        BARRIER = "barrier"
-
-    class Other(Adapted):
-        object_types = Own
-
-    planner = Other()
-    planner.reset(drive.context)
-    planner.act(drive.seen[-1])
-    tracked = inner(planner).asked[-1].history.current_state[1].tracked_objects
-    assert Own.PEDESTRIAN in [one.tracked_object_type for one in tracked]
-
-
 def test_lanes_join_and_have_sides(drive: Recorder) -> None:
     roads = NuPlanMap(drive.context.network)
     lanes = [
@@ -197,8 +187,119 @@ def test_questions_about_places(drive: Recorder) -> None:
     assert "sc_0" in [lane.id for lane in near[Layer.LANE]]
     assert near[Layer.LANE_CONNECTOR] == []
     assert roads.get_distance_to_nearest_map_object(ego, Layer.LANE) == ("sc_0", 0.0)
-    with pytest.raises(InputError, match=r"STOP_LINE: not here; there are LANE"):
-        roads.get_map_object("x", Layer.STOP_LINE)
+    assert roads.get_distance_to_nearest_map_object(ego, Layer.STOP_LINE) == (None, math.inf)
+    with pytest.raises(InputError, match=r"map layer TRAM: not here; there are LANE"):
+        roads.get_map_object("x", Enum("Own", ["TRAM"]).TRAM)
+
+
+def test_every_layer_of_nuplans_is_there_and_junctions_know_their_connectors(drive: Recorder) -> None:
+    roads = NuPlanMap(drive.context.network)
+    layers = roads.get_available_map_objects()
+    assert [layer.name for layer in layers][15:] == [
+        "CARPARK_AREA",
+        "PUDO",
+        "ROADBLOCK",
+        "ROADBLOCK_CONNECTOR",
+    ]
+    near = roads.get_proximal_map_objects(drive.seen[0].ego, 1000.0, layers)
+    assert near[SemanticMapLayer.CARPARK_AREA] == near[SemanticMapLayer.STOP_LINE] == []
+    connector = roads.get_map_object("sc>cn", Layer.ROADBLOCK_CONNECTOR)
+    crossroads = connector.intersection()
+    assert crossroads in near[SemanticMapLayer.INTERSECTION]
+    assert connector in crossroads.interior_edges
+    assert roads.get_map_object("sc_0", Layer.LANE) in crossroads.incoming_edges
+    turns = {b: roads.get_map_object(f"sc>{b}", Layer.ROADBLOCK_CONNECTOR) for b in ("cn", "ce", "cw")}
+    assert {b: block.interior_edges[0].turn_type.name for b, block in turns.items()} == {
+        "cn": "STRAIGHT",
+        "ce": "RIGHT",
+        "cw": "LEFT",
+    }
+
+
+def test_paths_have_a_pose_every_half_metre(drive: Recorder) -> None:
+    lanes = NuPlanMap(drive.context.network).layers["LANE"].values()
+    for path in [lane.baseline_path for lane in lanes]:
+        at = np.array([pose.array for pose in path.discrete_path])
+        steps = np.hypot(*np.diff(at, axis=0).T)
+        assert steps.min() > 0.25
+        assert steps.max() < 0.5 + 1e-9
+        assert steps.sum() == pytest.approx(path.length, rel=1e-2)
+
+
+def test_lanes_beside_each_other() -> None:
+    network = build_planner_map(load("corridor")).map
+    right, left = NuPlanMap(network).layers["ROADBLOCK"]["ab"].interior_edges[:2]
+    assert right.index == left.index + 1
+    assert left.is_left_of(right)
+    assert right.is_right_of(left)
+    assert right.is_adjacent_to(left)
+    assert left.right_boundary.id == right.left_boundary.id != right.right_boundary.id
+    middle = left.baseline_path.discrete_path[3]
+    assert right.oriented_distance(middle) == pytest.approx((left.width + right.width) / 2)
+    assert left.get_width_left_right(middle) == pytest.approx((left.width / 2, left.width / 2))
+    assert right.get_width_left_right(middle) == (math.inf, math.inf)
+
+
+def test_a_stand_in_says_what_has_the_name_that_it_lacks(drive: Recorder) -> None:
+    class Alone(Adapted):
+        kit = states
+
+    planner = Alone()
+    planner.reset(drive.context)
+    planner.act(drive.seen[0])
+    ego, _ = inner(planner).asked[0].history.current_state
+    with pytest.raises(
+        AttributeError, match=r"EgoState.waypoint: a stand-in has no such name; nuplan-devkit's"
+    ):
+        _ = ego.waypoint
+
+
+MINE = """
+from test_nuplan import Straight
+
+class Mine(Straight):
+    def __init__(self, count=8, *, offsets=()):
+        super().__init__()
+        self.count = count
+
+def make(): return Mine(3)
+def nothing(): return 5
+"""
+
+
+@pytest.mark.parametrize(
+    ("attribute", "name", "poses"),
+    [("Mine", "Mine", 7), ("Mine(4, offsets=[-1.0])", "Mine", 3), ("make", "make", 2)],
+)
+def test_a_planner_by_its_name_with_arguments(
+    attribute: str, name: str, poses: int, drive: Recorder, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.py").write_text(MINE)
+    loaded = resolve(f"nuplan:{tmp_path}/mine.py:{attribute}")
+    planner = loaded.factory()
+    planner.reset(drive.context)
+    answer = planner.act(drive.seen[0])
+    assert isinstance(answer, Trajectory)
+    assert (loaded.name, len(answer.poses)) == (name, poses)
+    assert resolve(f"nuplan:{tmp_path}/mine.py:{attribute}-e").privileged
+
+
+def test_what_is_wrong_with_one_is_said_before_it_drives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine.py").write_text(MINE)
+    with pytest.raises(InputError, match=r"write arguments as in Mine\(horizon=4.0"):
+        resolve(f"nuplan:{tmp_path}/mine.py:Mine(1 + x)")
+    with pytest.raises(
+        InputError, match=r"int: a planner of nuPlan's has initialize and compute_planner_tra"
+    ):
+        resolve(f"nuplan:{tmp_path}/mine.py:nothing").factory()
+    (tmp_path / "theirs.py").write_text("import nuplan\n")
+    specs = [f"nuplan:{tmp_path}/theirs.py:Theirs", "nuplan:nuplan:Theirs"]
+    monkeypatch.setitem(sys.modules, "nuplan", None)
+    for spec in specs:
+        with pytest.raises(InputError, match=r"git clone https://github.com/motional/nuplan-devkit, and add"):
+            resolve(spec)
 
 
 def test_between_questions_the_last_trajectory_is_followed(drive: Recorder) -> None:
@@ -284,13 +385,68 @@ class AdaptedFollower(NuPlanPlanner):
     make = staticmethod(Follower)
 
 
-def test_a_small_planner_of_the_protocol_drives_five_scenes() -> None:
-    kinds = ("speed_limit", "no_turn_left", "yield", "crosswalk", "one_way_right")
+KINDS = ("speed_limit", "no_turn_left", "yield", "crosswalk", "one_way_right")
+
+
+def drive_scenes(planner: LoadedPlanner, kinds: Sequence[str]) -> list[str]:
+    """Outcomes in the first dev scene of each type, without its plate. Fails at an error."""
     rows = [row for row in read_table(table_path("dev")) if row.half == CONTRAST]
-    runner = EpisodeRunner(LoadedPlanner("mine", AdaptedFollower))
+    runner = EpisodeRunner(planner)
     driven = [runner.run(next(row for row in rows if row.pair_type == kind)) for kind in kinds]
     runner.close()
     assert not [result.error for result in driven if result.error]
+    return [str(result.outcome) for result in driven]
+
+
+def test_a_small_planner_of_the_protocol_drives_five_scenes() -> None:
+    outcomes = drive_scenes(LoadedPlanner("mine", AdaptedFollower), KINDS)
     # It minds nobody, so it may hit somebody; it keeps to the road and comes on.
-    assert not [result.outcome for result in driven if result.outcome == "off_road"]
-    assert sum(result.outcome == "arrived" for result in driven) >= 2, [result.outcome for result in driven]
+    assert "off_road" not in outcomes
+    assert outcomes.count("arrived") >= 2, outcomes
+
+
+IDM = "nuplan.planning.simulation.planner.idm_planner:IDMPlanner(10, 1.0, 1.5, 1.0, 3.0, 16, 0.5, 40)"
+SIMPLE = "nuplan.planning.simulation.planner.simple_planner:SimplePlanner(10.0, 0.25, [0.0, 0.0])"
+PDM = """
+from nuplan.planning.simulation.trajectory.trajectory_sampling import TrajectorySampling
+from tuplan_garage.planning.simulation.planner.pdm_planner.pdm_closed_planner import PDMClosedPlanner
+from tuplan_garage.planning.simulation.planner.pdm_planner.proposal.batch_idm_policy import BatchIDMPolicy
+
+def closed():
+    plan, proposal = (TrajectorySampling(num_poses=n, interval_length=0.1) for n in (80, 40))
+    policies = BatchIDMPolicy([0.2, 0.4, 0.6, 0.8, 1.0], 15.0, 1.0, 1.5, 1.5, 3.0)
+    return PDMClosedPlanner(plan, proposal, policies, [-1.0, 1.0], 50)
+"""
+BESIDE = "is no checkout on PYTHONPATH (docs/adapters.md)"
+
+
+def test_nuplans_own_planners_drive() -> None:
+    pytest.importorskip("nuplan", reason=f"nuplan-devkit {BESIDE}")
+    assert set(drive_scenes(resolve(f"nuplan:{IDM}"), KINDS)) == {"arrived"}
+    drive_scenes(resolve(f"nuplan:{SIMPLE}"), KINDS[:2])
+
+
+def test_pdm_closed_by_its_authors_drives(tmp_path: Path) -> None:
+    pytest.importorskip("tuplan_garage", reason=f"tuplan_garage {BESIDE}")
+    (tmp_path / "theirs.py").write_text(PDM)
+    assert drive_scenes(resolve(f"nuplan:{tmp_path}/theirs.py:closed"), KINDS[:1]) == ["arrived"]
+
+
+def test_all_of_nuplans_abstract_map_is_there(drive: Recorder) -> None:
+    pytest.importorskip("nuplan", reason=f"nuplan-devkit {BESIDE}")
+    roads = NuPlanMap(drive.context.network, kit())
+    objects: Any = importlib.import_module("nuplan.common.maps.abstract_map_objects")
+    abstract: Any = importlib.import_module("nuplan.common.maps.abstract_map").AbstractMap
+    block = roads.layers["ROADBLOCK"]["sc"]
+    ours = {
+        roads: abstract,
+        block: objects.RoadBlockGraphEdgeMapObject,
+        block.interior_edges[0]: objects.Lane,
+        next(iter(roads.layers["LANE_CONNECTOR"].values())): objects.LaneConnector,
+        next(iter(roads.layers["INTERSECTION"].values())): objects.Intersection,
+        block.interior_edges[0].baseline_path: objects.PolylineMapObject,
+    }
+    for one, kind in ours.items():
+        assert isinstance(one, kind)
+        public = {name for name in dir(kind) if name[0] != "_"}
+        assert public <= set(dir(one)), f"{kind.__name__}: {public - set(dir(one))}"

@@ -10,7 +10,7 @@ from learned_scenes import Recorder, record
 
 from tsbench.adapters.nuplan import TrackedObjectType
 from tsbench.adapters.nuplan.nuplan_map import NuPlanMap
-from tsbench.adapters.nuplan.states import ObjectMetadata, OrientedBox, StateSE2, StateVector2D, TrackedObject
+from tsbench.adapters.nuplan.states import Agent, OrientedBox, SceneObjectMetadata, StateSE2, StateVector2D
 from tsbench.adapters.pdm import Pdm
 from tsbench.adapters.pdm.centerline import Centerline, Route
 from tsbench.adapters.pdm.pdm_planner import forecast
@@ -36,17 +36,15 @@ def line(drive: Recorder) -> Centerline:
     return Route(told).line(ego.x, ego.y, ego.heading)
 
 
-def car(
-    line: Centerline, s: float, d: float = 0.0, speed: float = 0.0, kind: str = "VEHICLE"
-) -> TrackedObject:
+def car(line: Centerline, s: float, d: float = 0.0, speed: float = 0.0, kind: str = "VEHICLE") -> Agent:
     x, y, heading = (float(part[0]) for part in line.place(np.array([s]), np.array([d])))
     velocity = StateVector2D(speed * np.cos(heading), speed * np.sin(heading))
-    box = OrientedBox(StateSE2(x, y, heading), LENGTH, WIDTH)
-    return TrackedObject(TrackedObjectType[kind], box, velocity, ObjectMetadata(0, "1", 1, ""))
+    box = OrientedBox(StateSE2(x, y, heading), LENGTH, WIDTH, 1.5)
+    return Agent(TrackedObjectType[kind], box, SceneObjectMetadata(0, "1", 1, "1", ""), velocity)
 
 
 def judge(
-    line: Centerline, things: list[TrackedObject], s: float = 15.0, speed: float = 8.0
+    line: Centerline, things: list[Agent], s: float = 15.0, speed: float = 8.0
 ) -> tuple[Proposals, np.ndarray, np.ndarray]:
     x, y, heading = (float(part[0]) for part in line.place(np.array([s]), np.array([0.0])))
     others = forecast(line, StateSE2(x, y, heading), SimpleNamespace(tracked_objects=things))

@@ -47,7 +47,8 @@ def list_planners(parts: bool) -> None:
         rows.append((name, entry.kind, signs, privileged, parameters, source))
     print_table(("name", "kind", "sees signs", "knows the rule", "parameters", "weights"), rows, left=6)
     click.echo(
-        "Others: pkg.module:Class, file.py:Class, or a function in place of the class; with -e: its expert."
+        "Others: pkg.module:Class, file.py:Class, or a function in place of the class; nuplan: before it: a planner "
+        "of nuPlan's; with -e: its expert."
     )
 
 

@@ -30,13 +30,18 @@ EXTRA_OF = {
     "foxglove": "mcap",
 }
 CPU_INDEX = "--extra-index-url https://download.pytorch.org/whl/cpu"
+# On no index: repositories of GitHub.
+CHECKOUTS = {"nuplan": "motional/nuplan-devkit", "tuplan_garage": "autonomousvision/tuplan_garage"}
 # Packages that are not called as what is imported from them.
 _PACKAGES = {"commonroad": "commonroad-io", "cv2": "opencv-python-headless", "yaml": "pyyaml"}
 
 
 def install_command(module: str) -> str:
-    """What installs a missing module: the extra of tsbench that has it, or the package of its name."""
+    """What installs a missing module: the extra of tsbench that has it, a checkout, or the package of its name."""
     top = module.partition(".")[0]
+    if top in CHECKOUTS:
+        folder = CHECKOUTS[top].partition("/")[2]
+        return f"git clone https://github.com/{CHECKOUTS[top]}, and add {folder} to PYTHONPATH (docs/adapters.md)"
     package = _PACKAGES.get(top, top.replace("_", "-"))
     if top not in EXTRA_OF:
         return f"pip install {package}"

@@ -174,8 +174,8 @@ def installed_data() -> tuple[Path, ...]:
     return tuple(Path(folder) for folder in (spec.submodule_search_locations or ())) if spec else ()
 
 
-# What may stand before the file of a planner's specification: an executable of its own.
-_BEFORE = ("exe:",)
+# What may stand before the file of a planner's specification: an executable of its own, a planner of nuPlan's.
+_BEFORE = ("exe:", "nuplan:")
 
 
 def expanded(path: str | Path) -> Path:

@@ -12,7 +12,7 @@ from types import ModuleType
 
 import tsbench
 from tsbench.core.errors import InputError, cause_of
-from tsbench.core.extras import install_command
+from tsbench.core.extras import CHECKOUTS, install_command
 
 
 def import_attribute(source: str, attribute: str, where: str) -> object:
@@ -47,7 +47,8 @@ def _from_module(name: str, where: str) -> ModuleType:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
         if error.name is not None and (name == error.name or name.startswith(f"{error.name}.")):
-            raise InputError(f"{where}: there is no module {error.name}") from None
+            remedy = _remedy(error) if error.name in CHECKOUTS else ""
+            raise InputError(f"{where}: there is no module {error.name}{remedy}") from None
         raise InputError(f"{where}: {name} does not import: {cause_with_place(error)}") from error
     except KeyboardInterrupt:
         raise

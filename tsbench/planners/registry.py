@@ -1,7 +1,8 @@
 """From what stands behind `--planner` to something that makes planners.
 
 A planner is named by a registered name (entry-point group `tsbench.planners`), `pkg.module:Attribute` or
-`file.py:Attribute`; the attribute is a class with `reset` and `act`, or a function `observation -> Control`. With `-e`
+`file.py:Attribute`; the attribute is a class with `reset` and `act`, or a function `observation -> Control`. With
+`nuplan:` before it, it makes a planner of nuPlan's protocol, and may have arguments: see `adapters.nuplan`. With `-e`
 behind it, it is the expert that this planner makes: see `planners.experts.expert`.
 """
 
@@ -23,6 +24,8 @@ from tsbench.planners.loading import import_attribute
 GROUP = "tsbench.planners"
 EXPERT = "-e"
 EXPERT_MODULE = "tsbench.planners.experts.expert"
+NUPLAN = "nuplan:"
+NUPLAN_MODULE = "tsbench.adapters.nuplan"
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,12 +159,21 @@ def comes_with_tsbench(spec: str) -> bool:
     """Is a planner, or the planner that an expert is made of, written in this package? Nothing is imported."""
     base = spec.removesuffix(EXPERT)
     known = _registered().get(base)
-    return in_package(base.rpartition(":")[0] if known is None else known.module)
+    return in_package(parts_of(base)[1] if known is None else known.module)
 
 
 def in_package(source: str) -> bool:
     """Is a module, or a file, as it stands in a specification, one of this package's modules?"""
     return source.startswith("tsbench.") and not source.endswith(".py")
+
+
+def parts_of(spec: str) -> tuple[str, str, str]:
+    """(`nuplan:` or "", module or file, attribute with its arguments) of a specification that is no registered name."""
+    if spec.startswith(NUPLAN):
+        source, _, attribute = spec.removeprefix(NUPLAN).partition(":")
+        return NUPLAN, source, attribute
+    source, _, attribute = spec.rpartition(":")
+    return "", source, attribute
 
 
 def resolve(spec: str) -> LoadedPlanner:
@@ -172,7 +184,7 @@ def resolve(spec: str) -> LoadedPlanner:
     if base != spec and (":" in base or base in _registered()):
         return _expert(spec, resolve(base))
     if ":" in spec:
-        source, _, attribute = spec.rpartition(":")
+        _, source, attribute = parts_of(spec)
         return _loaded(spec, source, attribute, None)
     if spec not in _registered():
         raise InputError(_unknown(spec))
@@ -185,12 +197,19 @@ def _loaded(spec: str, source: str, attribute: str, known: PlannerEntry | None) 
     where = f"planner {spec!r}"
     if not source or not attribute:
         raise InputError(f"{where}: expected a registered name, pkg.module:Class or file.py:Class")
-    target = import_attribute(source, attribute, where)
+    nuplan = known is None and spec.startswith(NUPLAN)
+    if nuplan:
+        # Imported by name, as experts are.
+        adapted = cast("Callable[..., type]", import_attribute(NUPLAN_MODULE, "adapted", where))
+        target: object = adapted(source, attribute, where)
+    else:
+        target = import_attribute(source, attribute, where)
     factory = _factory(target, where)
     facts = known or _declared(target, f"{source}:{attribute}")
     return LoadedPlanner(
-        name=spec if known else attribute, factory=factory, privileged=facts.privileged,
-        sign_access=facts.sign_access, chooses_route=facts.chooses_route, spec=spec, sources=(source,),
+        name=spec if known else attribute.partition("(")[0], factory=factory, privileged=facts.privileged,
+        sign_access=facts.sign_access, chooses_route=facts.chooses_route, spec=spec,
+        sources=(source, NUPLAN_MODULE) if nuplan else (source,),
         batched=cast("type[Batched]", target) if isinstance(target, type) and isinstance(target, Batched) else None,
         weights=facts.weights, floor=facts.floor, keeps_process=facts.keeps_process,
     )  # fmt: skip

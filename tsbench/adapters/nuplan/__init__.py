@@ -1,13 +1,17 @@
-"""nuPlan's planner protocol, spoken to planners that were written for it; nuplan-devkit itself is not needed."""
+"""nuPlan's planner protocol, spoken to planners that were written for it, with or without nuplan-devkit.
 
-from tsbench.adapters.nuplan.nuplan_planner import NuPlanPlanner, PlannerInitialization, PlannerInput
-from tsbench.adapters.nuplan.states import StateSE2, TimePoint, TrackedObjectType
+Names of its classes (`StateSE2`, `TrackedObjectType`) are here, too: its own where it is importable, else stand-ins.
+"""
 
-__all__ = [
-    "NuPlanPlanner",
-    "PlannerInitialization",
-    "PlannerInput",
-    "StateSE2",
-    "TimePoint",
-    "TrackedObjectType",
-]
+from typing import Any
+
+from tsbench.adapters.nuplan.devkit import kit
+from tsbench.adapters.nuplan.nuplan_planner import NuPlanPlanner, adapted
+
+__all__ = ["NuPlanPlanner", "adapted"]
+
+
+def __getattr__(name: str) -> Any:
+    if not name[:1].isupper():
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(kit(), name)

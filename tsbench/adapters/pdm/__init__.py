@@ -4,9 +4,9 @@ Reimplemented from the paper's description; no line of its code is here. It is t
 nothing of tsbench; `Pdm` is the class that `--planner` names.
 """
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
-from tsbench.adapters.nuplan import NuPlanPlanner
+from tsbench.adapters.nuplan import NuPlanPlanner, states
 from tsbench.adapters.pdm.pdm_planner import PdmPlanner
 
 
@@ -16,6 +16,8 @@ class Pdm(NuPlanPlanner):
     sign_access = False
     make = staticmethod(PdmPlanner)
     every: ClassVar[int] = 2
+    # The same bytes whether or not nuplan-devkit is there.
+    kit: ClassVar[Any] = states
 
 
 __all__ = ["Pdm", "PdmPlanner"]

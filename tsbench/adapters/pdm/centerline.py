@@ -66,7 +66,7 @@ class Route:
     """The lanes of a route's roadblocks, and how many lane changes each still needs to the end of it."""
 
     def __init__(self, initialization: Any) -> None:
-        roads, ids = initialization.map_api, initialization.route_roadblock_ids
+        roads, ids = initialization.map_api, list(dict.fromkeys(initialization.route_roadblock_ids))
         layers = {layer.name: layer for layer in roads.get_available_map_objects()}
         ordinary = [roads.get_map_object(name, layers["ROADBLOCK"]) for name in ids]
         joints = [roads.get_map_object(name, layers["ROADBLOCK_CONNECTOR"]) for name in ids]
@@ -114,13 +114,13 @@ class Route:
             after = [out for out in chain[-1].outgoing_edges if self._onward(out) < math.inf]
             if not after:
                 break
-            chain.append(min(after, key=lambda out: (self._onward(out), out.index)))
+            chain.append(min(after, key=lambda out: (self._onward(out), out.lanes[0].order)))
             length += chain[-1].baseline_path.length
         return self._joined(chain, max(s0 - 10.0, 0.0))
 
     def _joined(self, chain: list[Any], start: float) -> Centerline:
         """Lanes one behind the other. start: how far along the first of them the line begins, m."""
-        parts = [np.array([(pose.x, pose.y) for pose in lane.baseline_path.discrete_path]) for lane in chain]
+        parts = [lane.baseline_path.line.points for lane in chain]
         xy = np.concatenate(parts)
         who = np.repeat(np.arange(len(chain)), [len(part) for part in parts])
         passed = np.concatenate((np.cumsum(_lengths(xy)) <= start, [False]))
@@ -174,8 +174,8 @@ def _room(lane: Any) -> tuple[float, float]:
 
 
 def _width(lane: Any) -> float:
-    left, right = lane.left_boundary.discrete_path[0], lane.right_boundary.discrete_path[0]
-    return math.sqrt((left.x - right.x) ** 2 + (left.y - right.y) ** 2)
+    (ax, ay), (bx, by) = (side.line.points[0].tolist() for side in (lane.left_boundary, lane.right_boundary))
+    return math.sqrt((ax - bx) ** 2 + (ay - by) ** 2)
 
 
 def _lengths(xy: Array) -> Array:

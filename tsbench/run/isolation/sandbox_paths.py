@@ -13,7 +13,7 @@ import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.machine import ONE_THREAD
 from tsbench.core.paths import data_file, installed_data, roots
-from tsbench.planners.registry import EXPERT
+from tsbench.planners.registry import EXPERT, parts_of
 from tsbench.planners.registry import place_of as registered_place
 
 EXECUTABLE = "exe:"
@@ -77,8 +77,8 @@ def command_of(spec: str, python: str) -> list[str]:
 
 def _absolute(spec: str) -> str:
     """The same spec for a process in another folder."""
-    source, _, attribute = spec.rpartition(":")
-    return f"{Path(source).resolve()}:{attribute}" if source.endswith(".py") else spec
+    kind, source, attribute = parts_of(spec)
+    return f"{kind}{Path(source).resolve()}:{attribute}" if source.endswith(".py") else spec
 
 
 def source_places(spec: str) -> list[Path]:
@@ -103,7 +103,7 @@ def source_places(spec: str) -> list[Path]:
 def source_of(spec: str) -> str:
     """The module or file that stands before the colon of a specification, or behind a registered name."""
     base = spec.removesuffix(EXPERT)
-    return base.rpartition(":")[0] if ":" in base else registered_place(base)
+    return parts_of(base)[1] if ":" in base else registered_place(base)
 
 
 def module_file(name: str) -> Path | None:
