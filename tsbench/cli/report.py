@@ -1,7 +1,9 @@
-"""`tsbench report`, `tsbench view` and `tsbench compare`: what came of runs."""
+"""`tsbench failures`, `tsbench report`, `tsbench view` and `tsbench compare`: what came of runs."""
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +11,33 @@ import click
 
 from tsbench.cli import options
 from tsbench.cli.console import bars, table_console
+from tsbench.metrics.aggregate import name_holes
 from tsbench.report.tables.compare_runs import compare_runs, flips_csv, print_comparison
-from tsbench.run.log.read import is_run
+from tsbench.report.tables.run_ending import GROUPINGS, failures_of, listing
+from tsbench.run.log.read import is_run, read_run
 
 _LARGEST = "Largest size of the file; players are left out, violations last."
+
+
+@click.command()
+@click.argument("run", type=options.PATH, callback=options.of_their_city)
+@options.choice("--by", tuple(GROUPINGS), "planner", "What they are grouped by; the largest group first.")
+@click.option("--json", "as_json", is_flag=True, help="A list for programs, in no groups.")
+@options.allow_partial
+def failures(run: Path, by: str, as_json: bool, allow_partial: bool) -> None:
+    """List the episodes of the run folder RUN without SCD: which half, how each ended, and what happened."""
+    stored = read_run(run)
+    partial = name_holes({name: stored.holes(name) for name in stored.asked}, stored.asked, allow_partial)
+    found = failures_of(stored)
+    if as_json:
+        click.echo(json.dumps([asdict(failure) for failure in found], ensure_ascii=False, indent=1))
+        return
+    if partial:
+        click.echo(f"PARTIAL, scenarios without a record ({partial})")
+    for line in listing(stored, found, by):
+        click.echo(line)
+    if not found:
+        click.echo(f"{run}: none of its {len(stored.episodes)} episodes failed")
 
 
 @click.command()
