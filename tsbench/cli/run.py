@@ -37,7 +37,10 @@ if TYPE_CHECKING:
 # Of `tsbench oracle collect` too.
 _LISTENER = f"Who is told how the run goes, such as a tracker: {', '.join(KNOWN)}, or one of your own."
 which_variants = options.choice(
-    "--variants", VARIANTS, "all", "The nominal variant, all, or one drawn for each map."
+    "--variants",
+    VARIANTS,
+    "all",
+    "The nominal variant, all, or one drawn for each map, or type: a quick look.",
 )
 which_half = options.choice(
     "--half",
@@ -52,7 +55,7 @@ which_half = options.choice(
 @options.split(required=True)
 @options.types
 @options.limit(
-    "Scenarios for each planner, no pair in part: types in turn, nominal ones first; of one per map, drawn at random."
+    "Scenarios for each planner, no pair in part: types in turn, nominal ones first; of drawn ones any."
 )
 @which_variants
 @which_half
