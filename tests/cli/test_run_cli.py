@@ -92,6 +92,14 @@ def test_an_option_is_one_thing_in_all_commands() -> None:
             ["run", "--planner", "idm", "--split", "dev", "--types", " , "],
             "Invalid value for '--types': names no type; leave it out for all",
         ),
+        (
+            ["run", "--planner", "idm", "--split", "dev", "--out", ""],
+            "'--out': is empty: name a file or a folder",
+        ),
+        (
+            ["run", "--planner", "idm", "--split", "dev", "--city", "atlantis"],
+            "--city atlantis: no such city; there are andorra, krems, moscow, north-bayreuth\n",
+        ),
         (["run", "--planner", "idn", "--split", "test", "--limit", "1"], "planner 'idn': no such planner"),
         (["rescore", "no/such/run"], "no/such/run: no run folder"),
     ],

@@ -86,7 +86,9 @@ def test_a_quick_look_at_dev_has_both_halves_of_a_pair_of_each_type() -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"types": ("speling",)}, "--types speling: no such type or group"),
+        ({"types": ("speling",)}, "--types speling: no such type or group: groups"),
+        ({"types": ("yeild",)}, r"--types yeild: no such type or group \(did you mean yield\?\): groups"),
+        ({"types": ("sped",)}, r"\(did you mean speed\?\)"),
         ({"types": ("detour_right",)}, "has no scenario of detour_right"),
         ({"types": ("routing",)}, "has no scenario of routing"),
     ],

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.api.evaluate import Given
-from tsbench.api.words import keywords
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.core.paths import check_driven, driving, expanded_text
@@ -19,6 +18,7 @@ from tsbench.episode.perception_level import EXACT, EXACTLY, Perception, load_le
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
 from tsbench.planners.helpers import sign_ahead
 from tsbench.planners.registry import FunctionPlanner, resolve
+from tsbench.run.arguments import keywords
 from tsbench.run.log.record import make_record
 from tsbench.run.stepped_episode import Step, process_episode
 from tsbench.scenarios.scene_loader import load_scene

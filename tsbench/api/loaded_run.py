@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tsbench.api.figure_frames import comparison_frame, episodes_frame, flips_frame, frame_of, summary_frame
-from tsbench.api.words import keywords
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.episode.trace import find_trace, read_trace
 from tsbench.metrics.aggregate import summarise
 from tsbench.report.tables.compare_runs import match, side_of
-from tsbench.run.arguments import path_of
+from tsbench.run.arguments import keywords, path_of
 from tsbench.run.log.manifest import marks_of
 from tsbench.run.log.read import read_run
 from tsbench.run.log.tables import read_table

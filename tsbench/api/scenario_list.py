@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from tsbench.api.words import keywords
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.core.paths import dataset_file, driving
 from tsbench.roads.road_map import RoadMap
-from tsbench.run.arguments import text, type_words
+from tsbench.run.arguments import keywords, text, type_words
 from tsbench.run.plan import choose_types
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec

@@ -9,14 +9,13 @@ from functools import cached_property
 from pathlib import Path
 from urllib.parse import quote
 
-from tsbench.api.words import keywords
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import driving
 from tsbench.episode.trace import Trace
 from tsbench.report.drawing.paint import png_bytes
 from tsbench.report.page.report_page import episode_page
 from tsbench.report.scene_pictures import moment
-from tsbench.run.arguments import path_of
+from tsbench.run.arguments import keywords, path_of
 from tsbench.run.log.manifest import city_of
 from tsbench.run.log.read import StoredRun
 from tsbench.scenarios.scene_loader import load_scene

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from itertools import zip_longest
 from operator import attrgetter
 from pathlib import Path
@@ -91,8 +92,9 @@ def choose_types(asked: Sequence[str]) -> tuple[str, ...]:
     for word in asked:
         if word not in known:
             groups = sorted({kind.group for kind in types})
+            near = "".join(f" (did you mean {name}?)" for name in get_close_matches(word, known, 1))
             raise InputError(
-                f"--types {word}: no such type or group: groups are {', '.join(groups)}; "
+                f"--types {word}: no such type or group{near}: groups are {', '.join(groups)}; "
                 f"types are {', '.join(kind.id for kind in types)}"
             )
     return tuple(kind.id for kind in types if not asked or kind.id in asked or kind.group in asked)
