@@ -13,13 +13,13 @@ from tsbench.api.evaluate import Given
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.core.paths import check_driven, driving, expanded_text
-from tsbench.episode.outcome import EpisodeResult
+from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.perception_level import EXACT, EXACTLY, Perception, load_level
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
 from tsbench.planners.helpers import sign_ahead
 from tsbench.planners.registry import FunctionPlanner, resolve
 from tsbench.run.arguments import keywords
-from tsbench.run.log.record import make_record
+from tsbench.run.log.record import Record, make_record
 from tsbench.run.stepped_episode import Step, process_episode
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import ScenarioSpec
@@ -27,6 +27,8 @@ from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.sim.world import ActorKind
 
 _NEAREST = 6
+# At most, m/s, of an ego that stands.
+_STANDS_MPS = 0.1
 
 
 @dataclass(frozen=True)
@@ -113,12 +115,16 @@ class Drive:
         self._check_present()
         seen = self.observation
         if seen is None:
-            record = self.record
             assert self._result is not None
-            assert record is not None
-            passed = record["scd"]
+            found = make_record(self._result, self._driver.privileged)
             error = f": {self._result.error}" if self._result.error else ""
-            return f"over: {self.outcome}{error}; {'passed' if passed else 'not passed'}; {self._against()}"
+            passed = "passed" if found.row["scd"] else "not passed"
+            return "\n".join(
+                [
+                    f"over: {self.outcome}{error}; {passed}; {self._against()}",
+                    *_why(self._result, found, self.context),
+                ]
+            )
         return "\n".join([*_told(seen, self.context), f"answered: {_said(self.answer)}", self._against()])
 
     @property
@@ -219,6 +225,20 @@ def _told(seen: Observation, context: PlannerContext) -> Iterator[str]:
         yield f"{kind}: {off[k]:.1f} m off, {float(seen.actors.speed[k]):.2f} m/s, {road}"
     if len(off) > _NEAREST:
         yield f"and {len(off) - _NEAREST} road users farther off"
+
+
+def _why(result: EpisodeResult, found: Record, context: PlannerContext) -> Iterator[str]:
+    """Lines of what was held against the ego, where it did not arrive since when it stands, before what."""
+    if result.facts is None:
+        return
+    yield from (str(event["sentence"]) for event in found.events if event["target"])
+    if result.outcome is Outcome.ARRIVED:
+        return
+    ticks = result.facts.snapshots
+    if ticks[-1].ego.speed <= _STANDS_MPS:
+        moved = max((tick.time for tick in ticks if tick.ego.speed > _STANDS_MPS), default=-context.dt)
+        yield f"it stands since {moved + context.dt:.1f} s"
+    yield from _told(process_episode().last_view(), context)
 
 
 def _said(answer: Control | Trajectory | None) -> str:
