@@ -20,7 +20,7 @@ COMMANDS = [re.split(r"\s+#", line)[0] for line in re.findall(r"^(tsbench .*)$",
 
 def test_the_readme_has_one_planner_and_says_what_to_do_with_it() -> None:
     assert len(PLANNER) == 1
-    assert [shlex.split(line)[1] for line in COMMANDS] == ["planners", "run", "render"]
+    assert [shlex.split(line)[1] for line in COMMANDS] == ["planners", "run", "failures", "render"]
     assert all("my_planner.py:Minimal" in line for line in COMMANDS[:2])
     example = (ROOT / "examples/minimal_planner.py").read_text(encoding="utf-8")
     assert "class Minimal:" in example

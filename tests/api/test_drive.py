@@ -80,6 +80,28 @@ def test_step_by_step() -> None:
     assert not drive.step()
 
 
+def test_the_end_says_since_when_the_ego_stands_and_before_what() -> None:
+    def halting(o: tsbench.Observation) -> tsbench.Control:
+        return tsbench.Control(-6.0 if o.time >= 2.0 else 0.0, 0.0)
+
+    first, stands, now, *around = tsbench.drive(halting, SCENARIO).run().look().splitlines()
+    assert first == "over: timeout; not passed; against it: nothing"
+    assert 2.0 < float(stands.removeprefix("it stands since ").removesuffix(" s")) < 6.0
+    assert ": ego 0.00 m/s at " in now
+    assert now.endswith(" m to the destination")
+    assert any(line.startswith("plate 2.4: ") and " m ahead, " in line for line in around)
+    passed = tsbench.drive("idm-e", SCENARIO).run().look()
+    assert passed == "over: arrived; passed; against it: nothing"
+
+
+def test_the_end_has_the_sentences_of_what_is_held_against_it() -> None:
+    drive = tsbench.drive("idm", SCENARIO).run()
+    first, *sentences = drive.look().splitlines()
+    assert first.endswith(f"not passed; against it: {', '.join(drive.violations)}")
+    assert len(sentences) == len(drive.violations) > 0
+    assert all("the ego" in sentence for sentence in sentences)
+
+
 def test_what_a_planner_raises_is_raised_where_it_happens() -> None:
     drive = tsbench.drive(Breaks(), SCENARIO)
     with pytest.raises(ZeroDivisionError, match="mine"):

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import csv
 from pathlib import Path
+from typing import Any
 
 import pytest
 from command_line import in_process, refused
 from PIL import Image
 from run_builders import CONTRACT, episodes, failed, level, lost, make_run
 
+from tsbench.core.paths import data_file
+from tsbench.report.tables.compare_runs import find_side
 from tsbench.run.edition import in_force
+from tsbench.run.log.read import read_run
 
 # Made-up contracts are nobody's edition.
 LOCAL = f"{in_force().name}+local"
@@ -148,6 +152,47 @@ def test_a_side_that_is_none(run, tmp_path: Path, text: str, words: str) -> None
     two(tmp_path / "x")
     assert words in refused(run, text, "x:idm")
     assert words in refused(run, "x:idm", text)
+
+
+def test_names_of_kept_results(run) -> None:
+    out, _ = run("blind", "plant2-ft", "idm-e")
+    for planner in ("plant2-ft", "idm-e"):
+        assert f"A blind (kept results, floor), B {planner} (kept results): 1080 paired scenarios\n" in out
+    assert "planners with kept results: Lawless," in refused(run, "blind", "plant3-ft")
+    assert "--csv and --png are of one comparison" in refused(run, "blind", "idm", "idm-e", "--csv", "x.csv")
+
+
+@pytest.mark.parametrize(
+    ("planner", "options", "folder"),
+    [
+        ("plant2-ft", {}, "plant2-ft"),
+        ("plant2-ft", {"mask_signs": True}, "masked"),
+        ("plant2-ft", {"perception": level("poor")}, "ft-poor"),
+        ("plant2-ft", {"city": "north-bayreuth"}, "north-bayreuth-ft"),
+        ("idm", {}, "styles"),
+        ("idm", {"variants": "one-per-map", "limit": 58, "half": "both"}, "commonroad"),
+    ],
+)
+def test_the_kept_results_that_are_most_alike(
+    tmp_path: Path, planner: str, options: dict[str, Any], folder: str
+) -> None:
+    asked = 58 if "limit" in options else 48
+    types = read_run(data_file("results") / "styles").manifest["effective"]["types"]
+    own = read_run(make_run(tmp_path / "x", episodes("mine"), asked=asked, **{"types": types} | options))
+    assert find_side(planner, own).run.path.name == folder
+    assert find_side(planner).run.path.name == {"idm": "styles"}.get(planner, planner)
+
+
+def test_what_to_drive_beside_kept_results(run, tmp_path: Path) -> None:
+    make_run(tmp_path / "my run", episodes("my planner"))
+    command = "tsbench run --planner 'my planner' --split test --variants one-per-map (--force compares"
+    told = "my planner (my run) has other scenarios than the kept results of plant2-ft: drive the same ones with "
+    assert told + command in refused(run, "my run", "plant2-ft")
+    assert command in refused(run, "plant2-ft", "my run")
+    make_run(tmp_path / "poor", episodes("mine"), perception=level("poor"))
+    assert "--split test --variants one-per-map --perception poor (" in refused(run, "poor", "plant2-ft")
+    make_run(tmp_path / "masked", episodes("mine"), mask_signs=True)
+    assert "--split test --variants one-per-map --mask-signs (" in refused(run, "masked", "plant2-ft")
 
 
 HOSTILE = "[red]<b>$x^2$ my:Planner[/]"

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from command_line import in_process
 from patience import HANG_S
 
 from tsbench.cli import main
@@ -84,7 +85,7 @@ def result(commands: np.ndarray, outcome: Outcome = Outcome.ARRIVED, error: str 
 
 
 def told(seen: DriveSample, topic: str) -> list[tuple[Level, str]]:
-    return [(f.level, f.text) for f in findings(seen) if f.topic == topic]
+    return [(f.level, f.text) for f in findings(seen, "x.py:It's") if f.topic == topic]
 
 
 def test_list_names_every_planner() -> None:
@@ -110,7 +111,7 @@ def test_measurements_become_words() -> None:
     steady = np.zeros((5, 2))
     moved = steady + np.arange(5)[:, None] * 0.01
     good = DriveSample([result(moved)], result(moved), result(moved), [100], 0)
-    assert all(f.level is not Level.PROBLEM for f in findings(good))
+    assert all(f.level is not Level.PROBLEM for f in findings(good, "x"))
     random = DriveSample([result(moved)], result(moved), result(moved + 1.0))
     assert told(random, "determinism")[0][0] is Level.PROBLEM
     assert "two new planners" in told(random, "determinism")[0][1]
@@ -123,6 +124,31 @@ def test_measurements_become_words() -> None:
     assert told(leaky, "memory")[0][0] is Level.PROBLEM
     wrong = DriveSample([result(steady[:0], Outcome.INVALID_OUTPUT, "act returned NoneType")])
     assert "no command in 1 of 1 scenes: act returned NoneType" in told(wrong, "output")[0][1]
+
+
+def test_each_scene_that_was_not_reached_has_its_command() -> None:
+    steady = np.zeros((5, 2))
+    mixed = DriveSample(
+        [result(steady, o) for o in (Outcome.ARRIVED, Outcome.OFF_ROAD, Outcome.PLANNER_ERROR)]
+    )
+    assert told(mixed, "outcomes") == [(Level.NOTE, "3 scenes: 1 arrived, 1 off_road, 1 planner_error")]
+    for outcome in ("off_road", "planner_error"):
+        command = """tsbench debug --planner 'x.py:It'"'"'s' --scenario s"""
+        assert told(mixed, outcome) == [(Level.NOTE, command)]
+    assert told(DriveSample([result(steady)]), "outcomes") == [(Level.OK, "1 scenes: 1 arrived")]
+
+
+def test_nobody_is_told_of_no_problems_off_the_road(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "straight.py").write_text(
+        "from tsbench import Control\ndef straight(o): return Control(1.5, 0.2)\n", encoding="utf-8"
+    )
+    monkeypatch.chdir(tmp_path)
+    out, _ = in_process("planners", capsys)("check", "straight.py:straight", "--limit", "2")
+    left = re.findall(r"^off_road: tsbench debug --planner straight.py:straight --scenario \S+$", out, re.M)
+    assert len(left) == 2
+    assert out.endswith("straight.py:straight: 2 scenes not reached\n")
 
 
 def test_scenes_are_of_every_type_quiet_and_busy() -> None:
@@ -140,7 +166,7 @@ def test_scenes_are_of_every_type_quiet_and_busy() -> None:
         ("Sticky", "determinism", "reset leaves something behind"),
         ("Nothing", "output", "NoneType"),
         ("Leaky", "printing", "xxxx"),
-        ("Raises", "output", r"DivisionError: division by zero \(.*bad.py, line 31, in act\); the first "),
+        ("Raises", "output", r"DivisionError: division by zero \(.*bad.py, line 31, in act\)$"),
         ("Killer", "process", "exit code 7"),
         ("Sleeper", "time", "gave no answer"),
     ],

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import math
 import pickle
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import replace
 from typing import Any
 
@@ -191,6 +193,26 @@ def test_unknown_scenarios_and_broken_actions_are_refused(env: DriveEnv) -> None
     env.reset(seed=0)
     with pytest.raises(ValueError, match="not finite"):
         env.step(np.array([np.nan, 0.0]))
+    for wrong, shape in ((np.zeros(3), r"\(3,\)"), (np.zeros((1, 2)), r"\(1, 2\)"), (0.5, r"\(\)")):
+        with pytest.raises(
+            ValueError, match=rf"action of shape {shape}: expected one of Box\(-1.0, 1.0, \(2,\)"
+        ):
+            env.step(wrong)
+    assert env.step(np.zeros(2))[1] >= 0.0
+
+
+def test_a_reward_that_is_no_number_is_refused() -> None:
+    with closing(DriveEnv(split="dev", types="yield", reward=lambda _: math.nan)) as env:
+        env.reset(seed=0)
+        with pytest.raises(ValueError, match=r"reward nan is not finite, of \{'progress': "):
+            env.step(np.zeros(2))
+
+
+def test_an_error_names_the_keyword() -> None:
+    with pytest.raises(
+        InputError, match=r"^types yeild: no such type or group \(did you mean yield\?\): groups are"
+    ):
+        DriveEnv(split="dev", types="yeild")
 
 
 def test_make_vec_by_default_gives_each_a_process() -> None:

@@ -82,6 +82,7 @@ def test_a_planner_is_named_where_there_are_several(make: Make) -> None:
     ("key", "value", "told"),
     [
         ("variants", "0", "variants is 0: a submission is of a whole split"),
+        ("variants", "one-per-type", "variants is one-per-type: a submission is of a whole split"),
         ("half", "signed", "half is signed"),
         ("limit", 5, "limit is 5"),
         ("perception", {"name": "poor", "right": 0.5}, "perception: ceiling: is missing"),

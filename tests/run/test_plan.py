@@ -13,7 +13,8 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import data_root
 from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.plan import Request, RunPlan, choose_variants, make_plan
-from tsbench.scenarios.table import write_table
+from tsbench.scenarios.table import read_table, table_path, write_table
+from tsbench.signs.catalog import load_catalog
 
 
 @pytest.fixture
@@ -62,15 +63,32 @@ def test_variants(plan_of) -> None:
     assert len({row.variant for row in drawn}) > 1
 
 
-def test_the_lot_does_not_depend_on_order() -> None:
+@pytest.mark.parametrize("variants", ["one-per-map", "one-per-type"])
+def test_the_lot_does_not_depend_on_order(variants: str) -> None:
     rows = specs()
-    assert choose_variants(rows, "one-per-map") == choose_variants(rows[::-1], "one-per-map")
+    assert choose_variants(rows, variants) == choose_variants(rows[::-1], variants)
+
+
+def test_one_of_each_type_is_one_of_those_of_its_maps(plan_of) -> None:
+    drawn = plan_of(variants="one-per-type")
+    assert [row.scenario_type for row in drawn.scenarios] == ["speed_limit", "yield"]
+    assert set(ids(drawn)) == set(ids(plan_of(variants="one-per-map", limit=2)))
+
+
+def test_a_quick_look_at_dev_has_both_halves_of_a_pair_of_each_type() -> None:
+    rows = make_plan(Request(("idm",), "dev", variants="one-per-type")).scenarios
+    pairs = {row.pair_type: row.pair_name for row in rows}
+    assert len(pairs) == len({row.pair_name for row in rows}) == len(load_catalog().types)
+    dev = [row for row in read_table(table_path("dev")) if row.pair_name in pairs.values()]
+    assert sorted(row.scenario_id for row in dev) == [row.scenario_id for row in rows]
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"types": ("speling",)}, "--types speling: no such type or group"),
+        ({"types": ("speling",)}, "--types speling: no such type or group: groups"),
+        ({"types": ("yeild",)}, r"--types yeild: no such type or group \(did you mean yield\?\): groups"),
+        ({"types": ("sped",)}, r"\(did you mean speed\?\)"),
         ({"types": ("detour_right",)}, "has no scenario of detour_right"),
         ({"types": ("routing",)}, "has no scenario of routing"),
     ],

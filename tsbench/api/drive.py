@@ -14,19 +14,22 @@ from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.core.paths import check_driven, driving, expanded_text
 from tsbench.episode.episode import Episode
+from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.perception_level import EXACT, EXACTLY, Perception, load_level
 from tsbench.episode.trace import Trace
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
 from tsbench.planners.helpers import sign_ahead
 from tsbench.planners.registry import FunctionPlanner, resolve
 from tsbench.run.arguments import keywords
-from tsbench.run.log.record import make_record
+from tsbench.run.log.record import Record, make_record
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.sim.world import ActorKind
 
 _NEAREST = 6
+# At most, m/s, of an ego that stands.
+_STANDS_MPS = 0.1
 
 
 @dataclass(frozen=True)
@@ -116,12 +119,14 @@ class Drive:
     def look(self) -> str:
         """What the planner is shown at this tick, in words, and what it answered at the one before."""
         self._check_present()
-        seen, result, record = self.observation, self._episode.result, self.record
+        seen, result = self.observation, self._episode.result
         if seen is None:
             assert result is not None
-            assert record is not None
+            found = make_record(result, self._driver.privileged)
             error = f": {result.error}" if result.error else ""
-            return f"over: {self.outcome}{error}; {'passed' if record['scd'] else 'not passed'}; {self._against()}"
+            passed = "passed" if found.row["scd"] else "not passed"
+            over = f"over: {self.outcome}{error}; {passed}; {self._against()}"
+            return "\n".join([over, *_why(result, found, self.context)])
         return "\n".join([*_told(seen, self.context), f"answered: {_said(self.answer)}", self._against()])
 
     @property
@@ -214,6 +219,20 @@ def _told(seen: Observation, context: PlannerContext) -> Iterator[str]:
         yield f"{kind}: {off[k]:.1f} m off, {float(seen.actors.speed[k]):.2f} m/s, {road}"
     if len(off) > _NEAREST:
         yield f"and {len(off) - _NEAREST} road users farther off"
+
+
+def _why(result: EpisodeResult, found: Record, context: PlannerContext) -> Iterator[str]:
+    """Lines of what was held against the ego, where it did not arrive since when it stands, before what."""
+    if result.facts is None:
+        return
+    yield from (str(event["sentence"]) for event in found.events if event["target"])
+    if result.outcome is Outcome.ARRIVED:
+        return
+    ticks = result.facts.snapshots
+    if ticks[-1].ego.speed <= _STANDS_MPS:
+        moved = max((tick.time for tick in ticks if tick.ego.speed > _STANDS_MPS), default=-context.dt)
+        yield f"it stands since {moved + context.dt:.1f} s"
+    yield from _told(process_episode().last_view(), context)
 
 
 def _said(answer: Control | Trajectory | None) -> str:

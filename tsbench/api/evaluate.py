@@ -15,7 +15,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import driving, expanded_text
 from tsbench.core.streams import progress_console
 from tsbench.episode.perception_level import EXACT
-from tsbench.run.arguments import number_of, path_of, switch, text, type_words, whole_number
+from tsbench.run.arguments import keywords, number_of, path_of, switch, text, type_words, whole_number
 from tsbench.run.execution.executor import Limits
 from tsbench.run.listener import Listener, listeners_of
 from tsbench.run.plan import BOTH, Request
@@ -59,6 +59,7 @@ def _fill(given: dict[str, Any]) -> None:
 
 
 @_with_file
+@keywords()
 def evaluate(
     planner: Given | Sequence[Given] = (),
     *,
@@ -97,18 +98,18 @@ def evaluate(
         raise InputError("split: name one (split=…), here or in the section [run] of tsbench.toml")
     given = planner if isinstance(planner, list | tuple) else [planner]
     told = listeners_of(listeners)
-    names, words = tuple(map(spec_of, given)), type_words("--types", types)
-    most = None if limit is None else whole_number("--limit", limit)
+    names, words = tuple(map(spec_of, given)), type_words("types", types)
+    most = None if limit is None else whole_number("limit", limit)
     request = Request(names, split, words, most, variants, half)
     options = Options(
-        request=request, workers=None if workers is None else whole_number("--workers", workers), executor=executor,
-        out=None if out is None else path_of("--out", out), trace=trace, device=device,
-        mask_signs=switch("--mask-signs", mask_signs), perception=expanded_text(str(perception)),
-        isolate=switch("--isolate", isolate), image=None if image is None else text("--image", image),
-        overwrite=switch("--overwrite", overwrite), allow_partial=switch("--allow-partial", allow_partial),
-        limits=Limits(most_memory=number_of("--memory-limit", memory_limit, LEAST_MEMORY_MB)),
+        request=request, workers=None if workers is None else whole_number("workers", workers), executor=executor,
+        out=None if out is None else path_of("out", out), trace=trace, device=device,
+        mask_signs=switch("mask_signs", mask_signs), perception=expanded_text(str(perception)),
+        isolate=switch("isolate", isolate), image=None if image is None else text("image", image),
+        overwrite=switch("overwrite", overwrite), allow_partial=switch("allow_partial", allow_partial),
+        limits=Limits(most_memory=number_of("memory_limit", memory_limit, LEAST_MEMORY_MB)),
     )  # fmt: skip
-    with driving(None if city is None else text("--city", city)) as driven:
+    with driving(None if city is None else text("city", city)) as driven:
         return Run(run(replace(options, city=driven), ProgressWatcher(progress_console()), told).folder)
 
 

@@ -19,7 +19,8 @@ SECTIONS = {
     "Use": {
         "run": ("tsbench.cli.run:run", "Run planners on scenarios, or continue a run."),
         "campaign": ("tsbench.cli.campaign:campaign", "Drive the runs that a file lists, with one table."),
-        "compare": ("tsbench.cli.report:compare", "Compare two planners, scenario by scenario."),
+        "compare": ("tsbench.cli.report:compare", "Compare planners, scenario by scenario."),
+        "failures": ("tsbench.cli.report:failures", "List the episodes that failed, and why each did."),
         "report": ("tsbench.cli.report:report", "Write one HTML page about runs."),
         "view": ("tsbench.cli.report:view", "Look at runs in a browser on this machine."),
         "render": ("tsbench.cli.episodes:render", "Draw episodes of a run as PNG, GIF or MP4."),

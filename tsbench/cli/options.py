@@ -33,6 +33,8 @@ class UserPath(click.Path):
         super().__init__(path_type=Path, **kwargs)
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        if value == "":
+            self.fail("is empty: name a file or a folder", param, ctx)
         return super().convert(expanded(value), param, ctx)
 
 

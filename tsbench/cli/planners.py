@@ -14,6 +14,7 @@ from tsbench.cli import options
 from tsbench.cli.console import print_table
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
+from tsbench.episode.outcome import Outcome
 from tsbench.planners import registry
 from tsbench.planners.check import Level, check_statically
 from tsbench.run.isolation.image import in_image
@@ -103,11 +104,17 @@ def _check_submission(planner: str, limit: int, image: str | None) -> int:
 def _tell(planner: str, found: list[Finding], console: Console) -> int:
     style = {Level.OK: "green", Level.NOTE: "yellow", Level.PROBLEM: "bold red"}
     table = Table(box=None, show_header=False)
-    for finding in found:
+    unreached = [f for f in found if f.topic in map(str, Outcome)]
+    for finding in (f for f in found if f not in unreached):
         table.add_row(f"[{style[finding.level]}]{finding.level}[/]", finding.topic, escape(finding.text))
     console.print(table)
+    for finding in unreached:
+        console.print(f"{finding.topic}: {finding.text}", markup=False, highlight=False, soft_wrap=True)
     problems = sum(f.level is Level.PROBLEM for f in found)
-    console.print(f"{planner}: {'no problems' if not problems else f'{problems} problem(s)'}")
+    told = [f"{problems} problem(s)"] * bool(problems) + [f"{len(unreached)} scenes not reached"] * bool(
+        unreached
+    )
+    console.print(f"{planner}: {', '.join(told) or 'no problems'}", markup=False)
     return 1 if problems else 0
 
 

@@ -1,7 +1,9 @@
-"""`tsbench report`, `tsbench view` and `tsbench compare`: what came of runs."""
+"""`tsbench failures`, `tsbench report`, `tsbench view` and `tsbench compare`: what came of runs."""
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +11,34 @@ import click
 
 from tsbench.cli import options
 from tsbench.cli.console import bars, table_console
+from tsbench.core.errors import InputError
+from tsbench.metrics.aggregate import name_holes
 from tsbench.report.tables.compare_runs import compare_runs, flips_csv, print_comparison
-from tsbench.run.log.read import is_run
+from tsbench.report.tables.run_ending import GROUPINGS, failures_of, listing
+from tsbench.run.log.read import is_run, read_run
 
 _LARGEST = "Largest size of the file; players are left out, violations last."
+
+
+@click.command()
+@click.argument("run", type=options.PATH, callback=options.of_their_city)
+@options.choice("--by", tuple(GROUPINGS), "planner", "What they are grouped by; the largest group first.")
+@click.option("--json", "as_json", is_flag=True, help="A list for programs, in no groups.")
+@options.allow_partial
+def failures(run: Path, by: str, as_json: bool, allow_partial: bool) -> None:
+    """List the episodes of the run folder RUN without SCD: which half, how each ended, and what happened."""
+    stored = read_run(run)
+    partial = name_holes({name: stored.holes(name) for name in stored.asked}, stored.asked, allow_partial)
+    found = failures_of(stored)
+    if as_json:
+        click.echo(json.dumps([asdict(failure) for failure in found], ensure_ascii=False, indent=1))
+        return
+    if partial:
+        click.echo(f"PARTIAL, scenarios without a record ({partial})")
+    for line in listing(stored, found, by):
+        click.echo(line)
+    if not found:
+        click.echo(f"{run}: none of its {len(stored.episodes)} episodes failed")
 
 
 @click.command()
@@ -66,7 +92,7 @@ def view(runs: tuple[Path, ...], port: int) -> None:
 
 @click.command()
 @click.argument("run_a", type=options.TEXT, metavar="RUN_A[:PLANNER]")
-@click.argument("run_b", type=options.TEXT, metavar="RUN_B[:PLANNER]")
+@click.argument("runs_b", nargs=-1, required=True, type=options.TEXT, metavar="RUN_B[:PLANNER]…")
 @click.option("--force", is_flag=True, help="Compare different contracts, or what different scenarios share.")
 @options.allow_partial
 @options.png("Draw the differences.")
@@ -75,15 +101,21 @@ def view(runs: tuple[Path, ...], port: int) -> None:
     "--flips", least=0, default=20, help="Flipped scenarios to list, of the lost and of the won each."
 )
 def compare(
-    run_a: str, run_b: str, force: bool, allow_partial: bool, png: Path | None, csv: Path | None, flips: int
-) -> None:
-    """Compare two planners scenario by scenario: what changed by type and group, and what flipped.
+    run_a: str, runs_b: tuple[str, ...], force: bool, allow_partial: bool, png: Path | None, csv: Path | None,
+    flips: int,
+) -> None:  # fmt: skip
+    """Compare planners scenario by scenario, each RUN_B with RUN_A: what changed by type and group, and what flipped.
 
-    A run with several planners is given as RUN:PLANNER. B-A is shown: more is better for B. Runs of different contracts
-    or scenarios are refused unless forced.
+    A run with several planners is given as RUN:PLANNER. A planner's name alone, such as plant2-ft, stands for the
+    results that come with tsbench. B-A is shown: more is better for B. Runs of different contracts or scenarios are
+    refused unless forced.
     """
-    matched = compare_runs(run_a, run_b, force=force, allow_partial=allow_partial)
-    print_comparison(matched, table_console(), flips)
+    if len(runs_b) > 1 and (csv or png):
+        raise InputError("--csv and --png are of one comparison: give one RUN_B")
+    found = [compare_runs(run_a, run_b, force=force, allow_partial=allow_partial) for run_b in runs_b]
+    for matched in found:
+        print_comparison(matched, table_console(), flips)
+    matched = found[0]
     if csv is not None:
         flips_csv(matched.comparison, csv)
         click.echo(f"flips     {csv}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,14 +17,14 @@ from tsbench.core.paths import check_driven
 from tsbench.core.streams import progress_console
 from tsbench.report.analyses.analysis import to_markdown
 from tsbench.report.analyses.main_table import run_tables
-from tsbench.report.tables.run_ending import failures, headline
+from tsbench.report.tables.run_ending import examples, headline
 from tsbench.run.edition import contract_line
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import EXECUTORS
 from tsbench.run.listener import KNOWN, make_listener
 from tsbench.run.log.folder import TABLES_TEXT
+from tsbench.run.log.read import read_run
 from tsbench.run.log.rescored import write_rescored
-from tsbench.run.log.tables import read_table
 from tsbench.run.plan import BOTH, TRACES, VARIANTS, WHICH_HALVES, Request
 from tsbench.run.run_options import LEAST_MEMORY_MB, Options
 from tsbench.run.run_progress import ProgressWatcher
@@ -36,7 +37,10 @@ if TYPE_CHECKING:
 # Of `tsbench oracle collect` too.
 _LISTENER = f"Who is told how the run goes, such as a tracker: {', '.join(KNOWN)}, or one of your own."
 which_variants = options.choice(
-    "--variants", VARIANTS, "all", "The nominal variant, all, or one drawn for each map."
+    "--variants",
+    VARIANTS,
+    "all",
+    "The nominal variant, all, or one drawn for each map, or type: a quick look.",
 )
 which_half = options.choice(
     "--half",
@@ -51,7 +55,7 @@ which_half = options.choice(
 @options.split(required=True)
 @options.types
 @options.limit(
-    "Scenarios for each planner, no pair in part: types in turn, nominal ones first; of one per map, drawn at random."
+    "Scenarios for each planner, no pair in part: types in turn, nominal ones first; of drawn ones any."
 )
 @which_variants
 @which_half
@@ -159,11 +163,13 @@ def _write_tables(folder: Path, summary: Summary) -> None:
 
 def _tell(ended: RunResult, console: Console) -> None:
     lines: list[str] = []
+    failed: list[str] = []
     if ended.summary is not None:
         heads, rows = headline(ended.summary.planners)
         print_table(heads, rows, title=ended.summary.title)
         lines.append(contract_line(ended.summary.contract_hash))
-        lines += failures(read_table(ended.folder / "episodes.parquet"), ended.folder)
+        failed = list(examples(read_run(ended.folder)))
+        lines += failed
     lines += [f"{ended.finished} of {ended.asked} episodes finished, {ended.errors} with an error outcome"]
     if ended.finished < ended.asked:
         lines.append(
@@ -173,7 +179,10 @@ def _tell(ended: RunResult, console: Console) -> None:
     if ended.summary is not None:
         lines.append(f"tables    {ended.folder / 'summary.md'}")
     lines.append(f"traces    {ended.folder / 'traces'}")
-    lines.append(f"pictures  tsbench render {ended.folder} EPISODE")
+    folder = shlex.quote(str(ended.folder))
+    if failed:
+        lines.append(f"failures  tsbench failures {folder}")
+    lines.append(f"pictures  tsbench render {folder} EPISODE")
     if ended.errors:
         lines.append(f"errors    {ended.folder / 'errors'}")
     for line in lines:

@@ -31,7 +31,7 @@ from tsbench.episode.perception_level import EXACT, Perception, load_level
 from tsbench.metrics.episode_metrics import is_scd, route_completion
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Control, Observation
-from tsbench.run.arguments import switch, text, type_words, whole_number
+from tsbench.run.arguments import keywords, switch, text, type_words, whole_number
 from tsbench.run.plan import BOTH, VARIANTS, choose_half, choose_types, choose_variants
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
@@ -66,6 +66,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 10}  # noqa: RUF012  (as Gymnasium declares it)
 
+    @keywords()
     def __init__(
         self,
         split: str = "train",
@@ -177,7 +178,9 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
                 'process may have taken; make_vec(…, vectorization_mode="async"), '
                 "AsyncVectorEnv and SubprocVecEnv give each its own)"
             )
-        numbers = [float(value) for value in action]
+        numbers = np.asarray(action, dtype=float).tolist()
+        if np.shape(action) != self.action_space.shape:
+            raise ValueError(f"action of shape {np.shape(action)}: expected one of {self.action_space}")
         if not all(map(math.isfinite, numbers)):
             raise ValueError(f"action {', '.join(map(str, numbers))} is not finite")
         earned = dict.fromkeys(_TERMS, 0.0)
@@ -215,6 +218,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             self._view = View(self.episode.context)
         return self._view
 
+    @keywords()
     def _asked(self, options: Mapping[str, Any]) -> list[ScenarioSpec]:
         """The rows that `reset`'s options leave to draw from."""
         for word in options:
@@ -240,6 +244,8 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         earned["needless"] = spec.needless * (counts[1] - before[1])
         self._counts = counts
         reward = sum(earned.values()) if self._weigh is None else float(self._weigh(earned))
+        if not math.isfinite(reward):
+            raise ValueError(f"reward {reward} is not finite, of {earned}")
         return reward, {"reward_terms": earned, **_so_far(judged)}
 
     @property

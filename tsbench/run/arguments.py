@@ -1,4 +1,4 @@
-"""Checks of what is given from Python: the command line's own types refuse such things by themselves."""
+"""Checks of what is given from Python, which the command line's own types refuse by themselves, in a script's words."""
 
 from __future__ import annotations
 
@@ -12,6 +12,30 @@ from pathlib import Path
 
 from tsbench.core.errors import InputError
 from tsbench.core.paths import expanded
+
+# A command stays as it is.
+_OPTION = re.compile(r"tsbench [^:;,()]*|--([a-z][a-z-]*)")
+# Options without a value.
+_FLAGS = ("allow_partial", "force", "isolate", "mask_signs")
+
+
+@contextmanager
+def keywords() -> Iterator[None]:
+    """Within it, or within a function that it decorates, an InputError names keywords: `force=True` for `--force`."""
+    try:
+        yield
+    except InputError as error:
+        told = _OPTION.sub(_keyword, str(error))
+        if type(error) is not InputError or told == str(error):
+            raise
+        raise InputError(told) from error.__cause__
+
+
+def _keyword(found: re.Match[str]) -> str:
+    if found[1] is None:
+        return found[0]
+    name = found[1].replace("-", "_")
+    return f"{name}=True" if name in _FLAGS else name
 
 
 def whole_number(name: str, value: object, unit: str = "") -> int:
@@ -58,6 +82,8 @@ def path_of(name: str, value: object) -> Path:
     """The value as a path, `~` at its beginning as the home folder. Raises InputError for other values."""
     if not isinstance(value, str | os.PathLike):
         raise InputError(f"{name} {value!r}: expected a path")
+    if not os.fspath(value):
+        raise InputError(f"{name}: is empty: name a file or a folder")
     return expanded(os.fspath(value))
 
 

@@ -5,8 +5,11 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from itertools import zip_longest
+from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
 from tsbench.core.errors import InputError
 from tsbench.scenarios.map_pool import known_map_ids, pool_file
@@ -15,7 +18,9 @@ from tsbench.scenarios.store import check_files
 from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import Catalog, load_catalog
 
-VARIANTS = ("0", "all", "one-per-map")
+# With what the drawn ones are drawn of each of.
+_DRAWN = {"one-per-map": ("pair_type", "map_id"), "one-per-type": ("pair_type",)}
+VARIANTS = ("0", "all", *_DRAWN)
 BOTH = "both"
 WHICH_HALVES = (BOTH, *HALVES)
 TRACES = ("none", "violations", "all")
@@ -74,7 +79,7 @@ def make_plan(request: Request) -> RunPlan:
         raise InputError(f"{path}: --half {request.half}: none of the chosen scenarios is one")
     if request.limit is not None:
         # What was drawn is not narrowed to nominal variants by a limit.
-        first = _draw if request.variants == "one-per-map" else _nominal
+        first = _draw if request.variants in _DRAWN else _nominal
         chosen = spread(sorted(chosen, key=first), types, request.limit)
     check_files(chosen, path.parent)
     return RunPlan(request, catalog, table, tuple(chosen), tuple(t for t in types if t in present))
@@ -87,26 +92,27 @@ def choose_types(asked: Sequence[str]) -> tuple[str, ...]:
     for word in asked:
         if word not in known:
             groups = sorted({kind.group for kind in types})
+            near = "".join(f" (did you mean {name}?)" for name in get_close_matches(word, known, 1))
             raise InputError(
-                f"--types {word}: no such type or group: groups are {', '.join(groups)}; "
+                f"--types {word}: no such type or group{near}: groups are {', '.join(groups)}; "
                 f"types are {', '.join(kind.id for kind in types)}"
             )
     return tuple(kind.id for kind in types if not asked or kind.id in asked or kind.group in asked)
 
 
 def choose_variants(rows: Sequence[ScenarioSpec], variants: str) -> list[ScenarioSpec]:
-    """Rows of the asked variants, order kept. `one-per-map` draws one pair (or row) for each type and map by hash."""
+    """Rows of the asked variants, order kept. One pair (or row) for each type, and map, is drawn by hash."""
     if variants == "all":
         return list(rows)
     if variants == "0":
         return [row for row in rows if row.variant == 0]
-    if variants != "one-per-map":
+    if variants not in _DRAWN:
         raise InputError(f"--variants {variants}: expected {', '.join(VARIANTS)}")
-    first: dict[tuple[str, str], str] = {}
+    key = attrgetter(*_DRAWN[variants])
+    first: dict[Any, str] = {}
     for row in rows:
-        key = (row.pair_type, row.map_id)
-        first[key] = min(first.get(key, row.pair_name), row.pair_name, key=_draw_of)
-    chosen = [row for row in rows if row.pair_name == first[row.pair_type, row.map_id]]
+        first[key(row)] = min(first.get(key(row), row.pair_name), row.pair_name, key=_draw_of)
+    chosen = [row for row in rows if row.pair_name == first[key(row)]]
     return sorted(chosen, key=lambda row: row.scenario_id)
 
 

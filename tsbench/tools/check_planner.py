@@ -9,11 +9,12 @@ import io
 import multiprocessing
 import os
 import re
+import shlex
 import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -108,7 +109,7 @@ def check_driving(
     if seen is None:
         text = f"ended its process (exit code {child.exitcode}) in scene {done + 1} ({_id(scenes, done)})"
         return [Finding(Level.PROBLEM, "process", text)]
-    return findings(seen)
+    return findings(seen, spec)
 
 
 def _id(scenes: Sequence[ScenarioSpec], k: int) -> str:
@@ -153,12 +154,12 @@ def _resident() -> int:
     return int(statm.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") if statm.exists() else 0
 
 
-def of_results(results: list[EpisodeResult]) -> list[Finding]:
+def of_results(results: list[EpisodeResult], spec: str) -> list[Finding]:
     """What the episodes alone say: errors, range of the commands, time, outcomes."""
-    return [*_errors(results), *_range(results), *_time(results), _outcomes(results)]
+    return [*_errors(results), *_range(results), *_time(results), *_outcomes(results, spec)]
 
 
-def findings(seen: DriveSample) -> list[Finding]:
+def findings(seen: DriveSample, spec: str) -> list[Finding]:
     return [
         *_errors(seen.results),
         *_range(seen.results),
@@ -166,7 +167,7 @@ def findings(seen: DriveSample) -> list[Finding]:
         *_time(seen.results),
         *_memory(seen.memory),
         _printing(seen),
-        _outcomes(seen.results),
+        *_outcomes(seen.results, spec),
     ]
 
 
@@ -182,12 +183,7 @@ def _errors(results: list[EpisodeResult]) -> list[Finding]:
         }.get(outcome, "met an error that is not its own")
         level = Level.NOTE if outcome is Outcome.SIM_ERROR else Level.PROBLEM
         text = f"{what} in {count} of {len(results)} scenes: {error}{_raised_at(first.detail)}"
-        name = first.spec.scenario_id
-        found.append(
-            Finding(
-                level, "output", f"{text}; the first is {name}: tsbench debug --planner … --scenario {name}"
-            )
-        )
+        found.append(Finding(level, "output", text))
     if not bad:
         found.append(Finding(Level.OK, "output", "returns finite commands of the right shape"))
     return found
@@ -279,7 +275,12 @@ def _printing(seen: DriveSample) -> Finding:
     )
 
 
-def _outcomes(results: list[EpisodeResult]) -> Finding:
+def _outcomes(results: list[EpisodeResult], spec: str) -> Iterator[Finding]:
+    """How the scenes ended, and the command that drives each that did not arrive, below its outcome."""
     counts = Counter(r.outcome.value for r in results)
     text = ", ".join(f"{n} {name}" for name, n in sorted(counts.items()))
-    return Finding(Level.OK, "outcomes", f"{len(results)} scenes: {text}")
+    failed = [r for r in results if r.outcome is not Outcome.ARRIVED]
+    yield Finding(Level.NOTE if failed else Level.OK, "outcomes", f"{len(results)} scenes: {text}")
+    for r in failed:
+        command = shlex.join(["tsbench", "debug", "--planner", spec, "--scenario", r.spec.scenario_id])
+        yield Finding(Level.NOTE, r.outcome.value, command)

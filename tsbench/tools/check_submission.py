@@ -52,7 +52,7 @@ def check_submission(spec: str, count: int, split: str, on_progress: Callable[[s
 
         results = drive([*scenes, scenes[0]])
         found.append(_repeats([results[0], results[-1], *drive(scenes[:1])]))
-    return [*found, *of_results(results[:-1])]
+    return [*found, *of_results(results[:-1], spec)]
 
 
 def standing(spec: str, split: str) -> tuple[list[Finding], PlannerInfo | None]:

@@ -1,30 +1,102 @@
-"""What a run ends with: how many episodes failed and why, and an example of each cause."""
+"""What a run ends with and what `tsbench failures` lists: how many episodes failed and why, each with its sentence."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-import pyarrow as pa
+import pytest
+from run_builders import episode, failed, lost, make_run
 
-from tsbench.report.tables.run_ending import failures
-
-ROWS = [
-    ("idm", "a", "arrived", None, True, None),
-    ("idm", "b", "timeout", None, False, None),
-    ("idm", "c", "arrived", None, False, "encroached"),
-    ("idm", "d", "collision", None, False, "encroached"),
-    ("reader", "a", "arrived", None, True, None),
-    ("mine", "a", "error", "ZeroDivisionError: division\nby zero", False, None),
-]
-NAMES = ("planner", "scenario_id", "outcome", "error", "scd", "violation_clause")
+from tsbench.report.tables.run_ending import GROUPINGS, examples, failures_of, listing
+from tsbench.run.log.read import StoredRun, read_run
+from tsbench.run.log.schema import VIOLATIONS
 
 
-def test_causes_are_counted_and_shown() -> None:
-    table = pa.table({name: [row[k] for row in ROWS] for k, name in enumerate(NAMES)})
-    assert list(failures(table, Path("runs/my run"))) == [
-        "idm: 3 of 4 episodes failed: 2 encroached, 1 timeout",
-        "  encroached  tsbench render 'runs/my run' idm/c",
-        "  timeout  tsbench render 'runs/my run' idm/b",
-        "mine: 1 of 1 episodes failed: 1 error",
-        "  error  a: ZeroDivisionError: division by zero",
+def event(scenario: str, clause: str, sentence: str) -> dict[str, Any]:
+    blank = {field.name: "" if str(field.type) == "string" else 0 for field in VIOLATIONS}
+    given = {
+        "planner": "idm",
+        "scenario_id": scenario,
+        "target": True,
+        "clause": clause,
+        "sentence": sentence,
+    }
+    return blank | given
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> StoredRun:
+    end = {"scd": False, "duration_s": 60.0, "route_completion": 41.6}
+    hit = {"collision_partner": "pedestrian", "at_fault": True}
+    idm = [
+        episode("idm", 0, 0, 0),
+        episode("idm", 0, 1, 0, **lost("entered_while_blocked")),
+        episode("idm", 0, 1, 1, **lost("entered_while_blocked") | {"outcome": "collision"}),
+        episode("idm", 1, 0, 0, **end | {"outcome": "timeout", "sign_value": 20.0}),
+        episode("idm", 1, 1, 0, **end | {"outcome": "off_road"}),
+        episode("idm", 1, 2, 0, **end | hit | {"outcome": "collision"}),
     ]
+    contrast = {"pair_id": "yield-m1-v0", "half": "contrast", "scenario_type": "main_road"}
+    idm[2] |= contrast
+    mine = [episode("mine", 0, 0, 0, **failed("ZeroDivisionError: division\nby zero"))]
+    mine += [episode("mine", k, 3, v) for k, v in ((0, 0), (0, 1), (0, 2), (1, 0), (1, 1))]
+    told = [
+        # Of one moment: what stands first in the table is not what the record names.
+        event("yield-m1-v0", "contact", "At 7.0 s the ego touched convoy_0."),
+        event(
+            "yield-m1-v0",
+            "entered_while_blocked",
+            f"At 7.0 s the ego had 3.1 m/s2 and {'a long way ' * 9}left.",
+        ),
+        event("yield-m1-v1", "entered_while_blocked", "At 6.0 s the ego entered."),
+    ]
+    return read_run(make_run(tmp_path / "my run", idm + mine, events=told))
+
+
+def test_causes_are_counted_and_shown(run: StoredRun) -> None:
+    assert list(examples(run)) == [
+        "idm: 5 of 6 episodes failed: 2 entered_while_blocked, 1 timeout, 1 off_road, 1 collision",
+        f"  entered_while_blocked  tsbench render '{run.path}' idm/yield-m1-v0",
+        f"  timeout  tsbench render '{run.path}' idm/speed_limit-m0-v0",
+        f"  off_road  tsbench render '{run.path}' idm/speed_limit-m1-v0",
+        f"  collision  tsbench render '{run.path}' idm/speed_limit-m2-v0",
+        "mine: 1 of 6 episodes failed: 1 error",
+        "  error  yield-m0-v0: ZeroDivisionError: division by zero",
+    ]
+
+
+def test_every_failure_has_its_sentence(run: StoredRun) -> None:
+    found = {failure.name: failure for failure in failures_of(run)}
+    assert len(found) == 6
+    assert found["idm/yield-m1-v0"].sentence.startswith("At 7.0 s the ego had 3.1 m/s² and")
+    assert found["idm/yield-m1-v1"].type == "yield"
+    assert found["idm/speed_limit-m0-v0"].plate == "2.4 (20)"
+    assert {name: f.sentence for name, f in found.items() if "speed" in name} == {
+        "idm/speed_limit-m0-v0": "At 60.0 s the time was up, after 42 % of its way.",
+        "idm/speed_limit-m1-v0": "At 60.0 s the ego left the road, after 42 % of its way.",
+        "idm/speed_limit-m2-v0": "At 60.0 s the ego touched a pedestrian (at fault), after 42 % of its way.",
+    }
+    assert found["mine/yield-m0-v0"].sentence == "ZeroDivisionError: division by zero"
+
+
+def test_groups_of_a_list(run: StoredRun) -> None:
+    found = failures_of(run)
+    heads = {by: [line for line in listing(run, found, by) if line[0] != " "] for by in GROUPINGS}
+    assert heads["planner"][0].startswith("idm: 5 of 6 episodes failed: 2 entered_while_blocked, 1 timeout,")
+    assert heads["type"] == ["speed_limit: 3 of 6 failures", "yield: 3 of 6 failures"]
+    assert [head.split(":")[0] for head in heads["clause"]] == [
+        "entered_while_blocked", "timeout", "off_road", "collision", "error",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("by", GROUPINGS)
+def test_a_list_has_all_failures_in_80_columns(run: StoredRun, by: str) -> None:
+    found = failures_of(run)
+    lines = list(listing(run, found, by))
+    assert max(map(len, lines)) <= 80
+    for failure in found:
+        assert lines.count(f"  {failure.name}") == 1
+    text = " ".join(" ".join(lines).split())
+    assert "idm/yield-m1-v1 contrast 2.4, collision, entered_while_blocked: At 6.0 s the ego entered." in text
+    assert "mine/yield-m0-v0 signed 2.4, planner_error, error: ZeroDivisionError: division by zero" in text

@@ -195,7 +195,7 @@ Row = Mapping[str, Any]
 class EpisodeIndex:
     """Episodes of a pool. rows: records, by planner and scenario; traces: by row number; notes: what is odd.
 
-    stories: of the first event that counts against SCD, with its unit. partners: by row number that of the other half;
+    stories: of runs. partners: by row number that of the other half;
     passes: by row number which halves of its pair were passed, one of PASSES.
     """
 
@@ -215,11 +215,7 @@ def index_episodes(pool: RunPool) -> EpisodeIndex:
     rows: list[Row] = [row for run in pool.runs for row in run.episodes.to_pylist()]
     place = {name: k for k, name in enumerate(pool.planners)}
     rows.sort(key=lambda row: (place[row["planner"]], row["scenario_id"]))
-    stories: dict[Key, Row] = {}
-    for run in pool.runs:
-        for event in run.violations.to_pylist():
-            if event["target"]:
-                stories.setdefault((event["planner"], event["scenario_id"]), event)
+    stories = {key: story for run in pool.runs for key, story in run.stories.items()}
     expected = {
         trace_path(pool.home[row["planner"]].path, row["planner"], row["scenario_id"]): k
         for k, row in enumerate(rows)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
@@ -12,6 +13,7 @@ from rich.text import Text
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
+from tsbench.core.paths import OWN_CITY, data_file
 from tsbench.core.text import csv_text
 from tsbench.episode.perception_level import EXACTLY
 from tsbench.metrics.aggregate import name_holes
@@ -26,8 +28,9 @@ from tsbench.report.analyses.columns import (
     difference_columns,
     difference_rows,
 )
-from tsbench.run.log.manifest import marks_of, plain_perception
+from tsbench.run.log.manifest import NAME, city_of, marks_of, plain_perception, planners_of
 from tsbench.run.log.read import StoredRun, is_run, read_run
+from tsbench.run.plan import BOTH
 
 # What of a run's options chooses its scenarios, and what else may explain a difference.
 SELECTION = ("split", "types", "variants", "half", "limit", "scenarios")
@@ -36,13 +39,17 @@ _EXPLAINS = (*plain_perception(EXACTLY), "device")
 
 @dataclass(frozen=True)
 class Side:
+    """A planner of a run. kept: of the results that come with tsbench, named by the planner alone."""
+
     run: StoredRun
     planner: str
+    kept: bool = False
 
     @property
     def label(self) -> str:
         mark = marks_of(self.run.manifest).get(self.planner)
-        return f"{self.planner} ({self.run.path}{f', {mark}' if mark else ''})"
+        where = "kept results" if self.kept else self.run.path
+        return f"{self.planner} ({where}{f', {mark}' if mark else ''})"
 
 
 @dataclass(frozen=True)
@@ -67,12 +74,17 @@ class Matched:
 
 
 def compare_runs(text_a: str, text_b: str, *, force: bool, allow_partial: bool) -> Matched:
-    """Compare `RUN[:planner]` with `RUN[:planner]`.
+    """Compare `RUN[:planner]` with `RUN[:planner]`; a planner's name alone stands for its kept results.
 
     Raises InputError: unreadable runs, an unclear planner; without `allow_partial` holes; without `force` different
     contracts, perception levels or scenarios.
     """
-    return match(find_side(text_a), find_side(text_b), force=force, allow_partial=allow_partial)
+    a = find_side(text_a)
+    b = find_side(text_b, a.run)
+    if not force:
+        _check_kept(a, b)
+        _check_kept(b, a)
+    return match(a, b, force=force, allow_partial=allow_partial)
 
 
 def match(a: Side, b: Side, *, force: bool, allow_partial: bool) -> Matched:
@@ -93,13 +105,53 @@ def match(a: Side, b: Side, *, force: bool, allow_partial: bool) -> Matched:
     return Matched(a, b, comparison, (*partial, *warnings), notes, contracts)
 
 
-def find_side(text: str) -> Side:
-    """`RUN` of a run with one planner, or `RUN:planner`. Both may hold colons: the first run found counts."""
+def find_side(text: str, beside: StoredRun | None = None) -> Side:
+    """`RUN` of a run with one planner, `RUN:planner`, or a planner with kept results.
+
+    `RUN` and `planner` may hold colons: the first run found counts. beside: what kept results are compared with.
+    """
     places = [(text, None), *((text[:k], text[k + 1 :]) for k, c in enumerate(text) if c == ":" and k)]
     for path, planner in places:
         if is_run(Path(path)):
             return side_of(read_run(Path(path)), planner)
-    raise InputError(f"{text}: no run folder (expected RUN or RUN:planner, with RUN/run.json)")
+    kept = _kept_runs()
+    if runs := [run for run in kept if text in run.asked]:
+        return Side(max(runs, key=lambda run: _likeness(run, beside)), text, kept=True)
+    there = ", ".join(sorted({name for run in kept for name in run.asked}))
+    results = f"; planners with kept results: {there}" if there else ""
+    raise InputError(f"{text}: no run folder (expected RUN or RUN:planner, with RUN/run.json){results}")
+
+
+def _kept_runs() -> list[StoredRun]:
+    return [read_run(path.parent) for path in sorted(data_file("results").glob(f"*/{NAME}"))]
+
+
+def _likeness(run: StoredRun, beside: StoredRun | None) -> tuple[bool, bool, bool, int]:
+    """How well a kept run goes with another: its city, eyes and scenarios, then how many; with none, by the plain."""
+    city, eyes = (OWN_CITY, EXACTLY) if beside is None else (city_of(beside.manifest), beside.perception)
+    same = beside is not None and not differing(run, beside, SELECTION)
+    return city_of(run.manifest) == city, run.perception == eyes, same, run.manifest["effective"]["scenarios"]
+
+
+def _check_kept(kept: Side, own: Side) -> None:
+    """Raises InputError, with the command that drives them, where kept results are of other scenarios."""
+    if own.kept or not kept.kept or not differing(kept.run, own.run, (*SELECTION, "city")):
+        return
+    asked = kept.run.manifest["asked"]
+    (spec,) = (info.spec for info in planners_of(own.run.manifest) if info.name == own.planner)
+    given = {
+        "planner": spec,
+        "city": kept.run.manifest["effective"].get("city"),
+        **{name: asked.get(name) for name in ("split", "variants", "limit", "perception")},
+        "types": ",".join(asked["types"]),
+        "half": None if asked["half"] == BOTH else asked["half"],
+    }
+    words = [word for name, value in given.items() if value for word in (f"--{name}", str(value))]
+    command = shlex.join(["tsbench", "run", *words, *(["--mask-signs"] if asked["mask_signs"] else [])])
+    raise InputError(
+        f"{own.label} has other scenarios than the kept results of {kept.planner}: drive the same ones with "
+        f"{command} (--force compares what both have)"
+    )
 
 
 def side_of(run: StoredRun, planner: str | None) -> Side:

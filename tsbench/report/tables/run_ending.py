@@ -1,4 +1,4 @@
-"""What a run ends with, on one screen: each planner's headline, and how its episodes failed.
+"""What a run ends with, on one screen: each planner's headline, and how its episodes failed; and all of its failures.
 
 All figures stand in the run's `summary.md`. A failed episode is one without SCD.
 """
@@ -6,23 +6,34 @@ All figures stand in the run's `summary.md`. A failed episode is one without SCD
 from __future__ import annotations
 
 import shlex
+import textwrap
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from pathlib import Path
-
-import pyarrow as pa
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
 
 from tsbench.core.text import one_line
+from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import StrictAndCompleted
 from tsbench.metrics.intervals import Estimate
 from tsbench.metrics.scd_records import PARTS
 from tsbench.report.analyses.analysis import DASH
 from tsbench.report.analyses.columns import NAMES, panels_of, present_panels
+from tsbench.report.wording import readable, sign_words
+from tsbench.run.log.read import StoredRun
+from tsbench.scenarios.spec import pair_type
 
-# Causes of a planner's failures that are told with an example, and characters of an exception.
-_MOST_CAUSES, _MOST_TEXT = 5, 300
-_COLUMNS = ("planner", "scenario_id", "outcome", "error", "scd", "violation_clause")
+# Causes of a planner's failures that are told with an example, and columns of a terminal.
+_MOST_CAUSES, _WIDTH = 5, 80
+# What failures are grouped by, with the field of a failure that it is.
+GROUPINGS = MappingProxyType({"planner": "planner", "type": "type", "clause": "cause"})
+_ENDS = {
+    Outcome.TIMEOUT: "the time was up",
+    Outcome.OFF_ROAD: "the ego left the road",
+    Outcome.COLLISION: "the ego touched a {partner} ({fault})",
+}
 
 
 def headline(planners: Sequence[PlannerSummary]) -> tuple[list[str], list[list[str]]]:
@@ -46,28 +57,91 @@ def _text(figure: StrictAndCompleted[Estimate] | None, *, interval: bool) -> str
     return f"{found.value:.1f}{told}"
 
 
-def failures(episodes: pa.Table, folder: Path) -> Iterator[str]:
-    """Lines for each planner with failed episodes: how many and why, then an example of each cause to look at.
+@dataclass(frozen=True)
+class Failure:
+    """An episode without SCD. type: of its pair; plate: the code and value of its half's plate; outcome: how it ended.
 
-    folder: the run's. An episode's cause is its error, else the clause that it broke first, else how it ended.
+    cause: "error", else the clause that was broken first, else the outcome. sentence: of what happened.
     """
-    rows = episodes.select(_COLUMNS).to_pylist()
-    for planner in dict.fromkeys(row["planner"] for row in rows):
-        own = [row for row in rows if row["planner"] == planner]
-        failed = [(_cause(row), row) for row in own if not row["scd"]]
-        if not failed:
-            continue
-        causes = Counter(cause for cause, _ in failed).most_common()
-        told = ", ".join(f"{count} {cause}" for cause, count in causes)
-        yield f"{planner}: {len(failed)} of {len(own)} episodes failed: {told}"
-        for cause, _ in causes[:_MOST_CAUSES]:
-            row = next(row for found, row in failed if found == cause)
-            if row["error"]:
-                yield f"  {cause}  {row['scenario_id']}: {one_line(row['error'])[:_MOST_TEXT]}"
-            else:
-                shown = shlex.join(("tsbench", "render", str(folder), f"{planner}/{row['scenario_id']}"))
-                yield f"  {cause}  {shown}"
+
+    planner: str
+    scenario_id: str
+    type: str
+    half: str
+    plate: str
+    outcome: str
+    cause: str
+    sentence: str
+
+    @property
+    def name(self) -> str:
+        """As commands take it."""
+        return f"{self.planner}/{self.scenario_id}"
 
 
-def _cause(row: dict[str, str | None]) -> str:
-    return "error" if row["error"] else row["violation_clause"] or str(row["outcome"])
+def failures_of(run: StoredRun) -> list[Failure]:
+    """A run's failed episodes, by planner in the order of the run and by scenario."""
+    place = {name: k for k, name in enumerate(run.asked)}
+    rows = [row for row in run.episodes.to_pylist() if not row["scd"]]
+    return [_failure(row, run) for row in sorted(rows, key=lambda row: place[row["planner"]])]
+
+
+def _failure(row: Mapping[str, Any], run: StoredRun) -> Failure:
+    story = run.stories.get((row["planner"], row["scenario_id"]))
+    if row["error"]:
+        cause, sentence = "error", one_line(row["error"])
+    elif story is not None:
+        cause, sentence = story["clause"], readable(story["sentence"])
+    else:
+        cause, sentence = row["outcome"], _ending(row)
+    names = {name: row[name] for name in ("planner", "scenario_id", "half", "outcome")}
+    kind, plate = (
+        pair_type(row["pair_id"], row["scenario_type"]),
+        sign_words(row["sign_code"], row["sign_value"]),
+    )
+    return Failure(**names, type=kind, plate=plate, cause=cause, sentence=sentence)
+
+
+def _ending(row: Mapping[str, Any]) -> str:
+    fault = "at fault" if row["at_fault"] else "not at fault"
+    told = _ENDS[Outcome(row["outcome"])].format(partner=row["collision_partner"], fault=fault)
+    return f"At {row['duration_s']:.1f} s {told}, after {row['route_completion']:.0f} % of its way."
+
+
+def counted(failures: Sequence[Failure], run: StoredRun, planner: str) -> str:
+    """How many of a planner's episodes failed, and of what."""
+    causes = Counter(failure.cause for failure in failures if failure.planner == planner)
+    told = ", ".join(f"{count} {cause}" for cause, count in causes.most_common())
+    return f"{planner}: {causes.total()} of {len(run.of(planner))} episodes failed: {told}"
+
+
+def examples(run: StoredRun) -> Iterator[str]:
+    """Lines for each planner with failed episodes: how many and why, then an example of each cause to look at."""
+    found = failures_of(run)
+    for planner in dict.fromkeys(failure.planner for failure in found):
+        yield counted(found, run, planner)
+        own = [failure for failure in found if failure.planner == planner]
+        for cause, _ in Counter(failure.cause for failure in own).most_common(_MOST_CAUSES):
+            first = next(failure for failure in own if failure.cause == cause)
+            shown = shlex.join(("tsbench", "render", str(run.path), first.name))
+            yield f"  {cause}  " + (f"{first.scenario_id}: {first.sentence}" if cause == "error" else shown)
+
+
+def listing(run: StoredRun, failures: Sequence[Failure], by: str) -> Iterator[str]:
+    """Lines of 80 columns: groups, the largest first, and in each its episodes with what happened.
+
+    by: one of GROUPINGS.
+    """
+    groups: dict[str, list[Failure]] = {}
+    for failure in failures:
+        groups.setdefault(getattr(failure, GROUPINGS[by]), []).append(failure)
+    for name, own in sorted(groups.items(), key=lambda group: -len(group[1])):
+        title = (
+            counted(own, run, name) if by == "planner" else f"{name}: {len(own)} of {len(failures)} failures"
+        )
+        yield from textwrap.wrap(title, _WIDTH, subsequent_indent="    ")
+        for failure in own:
+            yield f"  {failure.name}"
+            facts = dict.fromkeys((f"{failure.half} {failure.plate}", failure.outcome, failure.cause))
+            told = f"{', '.join(facts)}: {failure.sentence}"
+            yield from textwrap.wrap(told, _WIDTH, initial_indent="    ", subsequent_indent="    ")

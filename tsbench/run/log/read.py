@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -38,6 +39,18 @@ class StoredRun:
     def violations(self) -> pa.Table:
         """Each event. Raises InputError where the table cannot be read."""
         return read_table(self.path / "violations.parquet") if self.events is None else self.events
+
+    @cached_property
+    def stories(self) -> dict[tuple[str, str], dict[str, Any]]:
+        """By planner and scenario: the event of its `violation_clause`, the first that counts against SCD."""
+        rows = self.episodes.select(["planner", "scenario_id", "violation_clause"]).to_pylist()
+        clauses = {(row["planner"], row["scenario_id"]): row["violation_clause"] for row in rows}
+        found: dict[tuple[str, str], dict[str, Any]] = {}
+        for event in self.violations.filter(self.violations["target"]).to_pylist():
+            key = event["planner"], event["scenario_id"]
+            if event["clause"] == clauses.get(key):
+                found.setdefault(key, event)
+        return found
 
     @cached_property
     def contract(self) -> str:
