@@ -25,7 +25,7 @@ from tsbench.run.log.record import Record, make_record
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.table import read_table, splits_there, table_path
-from tsbench.sim.world import ActorKind
+from tsbench.sim.world import DT_S, ActorKind
 
 _NEAREST = 6
 # At most, m/s, of an ego that stands.
@@ -126,7 +126,7 @@ class Drive:
             error = f": {result.error}" if result.error else ""
             passed = "passed" if found.row["scd"] else "not passed"
             over = f"over: {self.outcome}{error}; {passed}; {self._against()}"
-            return "\n".join([over, *_why(result, found, self.context)])
+            return "\n".join([over, *_why(self._episode, result, found)])
         return "\n".join([*_told(seen, self.context), f"answered: {_said(self.answer)}", self._against()])
 
     @property
@@ -221,7 +221,7 @@ def _told(seen: Observation, context: PlannerContext) -> Iterator[str]:
         yield f"and {len(off) - _NEAREST} road users farther off"
 
 
-def _why(result: EpisodeResult, found: Record, context: PlannerContext) -> Iterator[str]:
+def _why(episode: Episode, result: EpisodeResult, found: Record) -> Iterator[str]:
     """Lines of what was held against the ego, where it did not arrive since when it stands, before what."""
     if result.facts is None:
         return
@@ -230,9 +230,9 @@ def _why(result: EpisodeResult, found: Record, context: PlannerContext) -> Itera
         return
     ticks = result.facts.snapshots
     if ticks[-1].ego.speed <= _STANDS_MPS:
-        moved = max((tick.time for tick in ticks if tick.ego.speed > _STANDS_MPS), default=-context.dt)
-        yield f"it stands since {moved + context.dt:.1f} s"
-    yield from _told(process_episode().last_view(), context)
+        moved = max((tick.time for tick in ticks if tick.ego.speed > _STANDS_MPS), default=-DT_S)
+        yield f"it stands since {moved + DT_S:.1f} s"
+    yield from _told(episode.look(), episode.context)
 
 
 def _said(answer: Control | Trajectory | None) -> str:

@@ -101,30 +101,3 @@ def type_words(name: str, asked: str | Sequence[str] | None) -> tuple[str, ...]:
     if not words:
         raise InputError(f"{name} {asked!r}: names no type; leave it out where none is to be named")
     return words
-
-
-_OPTION = re.compile(r"--([a-z][a-z-]*)")
-# Options without a value.
-_FLAGS = ("allow_partial", "force", "isolate", "mask_signs")
-
-
-def in_words_of_python(text: str) -> str:
-    """A message for a script: `force=True` for `--force`, `limit` for `--limit`."""
-
-    def keyword(found: re.Match[str]) -> str:
-        name = found[1].replace("-", "_")
-        return f"{name}=True" if name in _FLAGS else name
-
-    return _OPTION.sub(keyword, text)
-
-
-@contextmanager
-def keywords() -> Iterator[None]:
-    """Within it, or within a function that it decorates, an InputError names keywords."""
-    try:
-        yield
-    except InputError as error:
-        told = in_words_of_python(str(error))
-        if type(error) is not InputError or told == str(error):
-            raise
-        raise InputError(told) from error.__cause__
