@@ -17,7 +17,7 @@ from tsbench.core.paths import check_driven
 from tsbench.core.streams import progress_console
 from tsbench.report.analyses.analysis import to_markdown
 from tsbench.report.analyses.main_table import run_tables
-from tsbench.report.tables.run_ending import examples, headline
+from tsbench.report.tables.run_ending import citation, examples, headline
 from tsbench.run.edition import contract_line
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import EXECUTORS
@@ -154,7 +154,11 @@ def rescore(folder: Path) -> None:
 
 def _write_tables(folder: Path, summary: Summary) -> None:
     # They bring statistics, late as the summary itself.
-    path, text = folder / TABLES_TEXT, "\n".join(map(to_markdown, run_tables(summary)))
+    lines, entry = citation(read_run(folder), summary.planners)
+    cited = "\n".join(
+        ["**To cite**", "", *(f"* {line}" for line in lines), "", "```bibtex", entry, "```", ""]
+    )
+    path, text = folder / TABLES_TEXT, "\n".join([*map(to_markdown, run_tables(summary)), cited])
     # Looking at a complete run changes nothing in its folder.
     if not path.is_file() or path.read_text(encoding="utf-8") != text:
         with io_errors_as_input_errors(path):

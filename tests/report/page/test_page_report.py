@@ -19,7 +19,7 @@ from tsbench.report.analyses.run_pool import index_episodes, read_pool
 from tsbench.report.page import report_page as embedding
 from tsbench.report.page import report_sections
 from tsbench.report.page.report_page import NAME, Written, embed, write_report
-from tsbench.report.page.report_sections import heading, sections, show
+from tsbench.report.page.report_sections import heading, headlines, sections, show
 
 
 @pytest.fixture(autouse=True)
@@ -74,6 +74,10 @@ def test_the_page_holds_the_summarys_figures(reported: tuple[Path, Written, str]
         assert e is not None
         assert f"{e.value:.1f}" in text
         assert f"{e.low:.1f}–{e.high:.1f}" in text
+    first = text.index("Summary", text.index("edition"))
+    failed = [one["failed"] for one in headlines(read_pool([run], False))]
+    assert len(failed) == len(summary.planners)
+    assert all(0 < text.index(words) < first for words in failed), "above the tables"
     assert run_builders.CONTRACT in text
     assert "PARTIAL" not in text
     for head in ("Summary", "How sure", "By type", "Planners compared", "Failures", "Episodes"):

@@ -6,9 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from run_builders import episode, failed, lost, make_run
+from run_builders import episode, failed, lost, make_run, pairs
 
-from tsbench.report.tables.run_ending import GROUPINGS, examples, failures_of, listing
+from tsbench.report.analyses.run_pool import read_pool
+from tsbench.report.tables.run_ending import GROUPINGS, citation, examples, failures_of, headline, listing
 from tsbench.run.log.read import StoredRun, read_run
 from tsbench.run.log.schema import VIOLATIONS
 
@@ -100,3 +101,16 @@ def test_a_list_has_all_failures_in_80_columns(run: StoredRun, by: str) -> None:
     text = " ".join(" ".join(lines).split())
     assert "idm/yield-m1-v1 contrast 2.4, collision, entered_while_blocked: At 6.0 s the ego entered." in text
     assert "mine/yield-m0-v0 signed 2.4, planner_error, error: ZeroDivisionError: division by zero" in text
+
+
+def test_what_to_cite_names_edition_selection_and_scoring(tmp_path: Path) -> None:
+    make_run(tmp_path / "r", pairs("idm"))
+    pool = read_pool([tmp_path / "r"], allow_partial=True)
+    (line,), entry = citation(pool.runs[0], pool.summaries)
+    effective, scoring = pool.runs[0].manifest["effective"], pool.runs[0].manifest.get("scoring", 1)
+    figure = headline(pool.summaries)[1][0][1].replace(" (", " % (")
+    assert line.startswith(
+        f"idm: paired SCD {figure}, n = 48 (tsbench {pool.edition}, {effective['split']} split"
+    )
+    assert line.endswith(f"scoring {scoring}, contract {pool.contract[:12]})")
+    assert f"note    = {{edition {pool.edition}, scoring {scoring}}}" in entry

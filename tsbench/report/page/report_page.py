@@ -187,6 +187,7 @@ def episode_page(run: StoredRun, planner: str, scenario_id: str) -> str:
     return render_page(
         "report.html", blobs={"episodes": episodes_table(index, players.rows), **players.blobs}, scripts=PLAYER_SCRIPTS,
         title=f"{planner}: {scenario_id}", partial=False, contract=pool.contract, edition=pool.edition, sections=[],
+        headlines=[], cited=[],
         runs=[], notes=players.notes, players=len(players.rows), episodes=len(index.rows),
     )  # fmt: skip
 

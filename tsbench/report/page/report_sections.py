@@ -9,11 +9,18 @@ from tsbench.metrics.paired_differences import compare, shared_scenarios
 from tsbench.metrics.scd_records import CONTRASTED, SIGNED_ONES
 from tsbench.report.analyses.analyses_by_name import OF_POOL
 from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Column, Kind, Row, Table, Value, lines_of
-from tsbench.report.analyses.columns import NAMES, difference_columns, difference_rows, text_columns
+from tsbench.report.analyses.columns import (
+    NAMES,
+    difference_columns,
+    difference_rows,
+    panels_of,
+    text_columns,
+)
 from tsbench.report.analyses.run_pool import EpisodeIndex, RunPool
 from tsbench.report.analyses.traffic_calibration import traffic
 from tsbench.report.page.page_format import pack_table, page_column
 from tsbench.report.tables.charts import inline_svg
+from tsbench.report.tables.run_ending import citation, counted, failures_of, primary
 from tsbench.scenarios.spec import CONTRAST, SIGNED, pair_type
 
 Section = dict[str, Any]
@@ -24,6 +31,22 @@ _HALF_OF = {NAMES[SIGNED_ONES]: SIGNED, NAMES[CONTRASTED]: CONTRAST}
 
 # Of fewer planners a rank correlation says nothing that the table does not.
 _FOR_CORRELATIONS = 6
+
+
+def headlines(pool: RunPool) -> list[dict[str, str]]:
+    """Each planner's primary figure, and how its episodes failed."""
+    part, found = primary(pool.summaries), []
+    failed = {run.path: failures_of(run) for run in pool.runs}
+    for p in pool.summaries:
+        run, figure = pool.home[p.planner], panels_of(p, part)[ALL].main
+        shown = {"planner": p.label, "value": "–", "ends": "", "name": f"{NAMES[part]}, n = {figure.n:,}"}
+        if figure.value is not None:
+            shown["value"] = f"{figure.value:.1f} %"
+        if figure.low is not None and figure.high is not None:
+            shown["ends"] = f"95 %: {figure.low:.1f}–{figure.high:.1f}"
+        shown["failed"] = counted(failed[run.path], run, p.planner).removeprefix(f"{p.planner}: ")
+        found.append(shown)
+    return found
 
 
 def sections(pool: RunPool, index: EpisodeIndex) -> Iterator[Section]:
@@ -186,6 +209,10 @@ def heading(pool: RunPool) -> dict[str, Any]:
         "partial": pool.summary.partial,
         "contract": pool.contract,
         "edition": pool.edition,
+        "headlines": headlines(pool),
+        "cited": [
+            citation(run, [p for p in pool.summaries if pool.home[p.planner] is run]) for run in pool.runs
+        ],
     }
 
 

@@ -13,20 +13,30 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
+import tsbench
+from tsbench.core.benchmark import TYPES
 from tsbench.core.text import one_line
 from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import StrictAndCompleted
 from tsbench.metrics.intervals import Estimate
 from tsbench.metrics.scd_records import PARTS
-from tsbench.report.analyses.analysis import DASH
+from tsbench.report.analyses.analysis import ALL, DASH
 from tsbench.report.analyses.columns import NAMES, panels_of, present_panels
 from tsbench.report.wording import readable, sign_words
 from tsbench.run.log.read import StoredRun
+from tsbench.run.plan import BOTH
 from tsbench.scenarios.spec import pair_type
 
 # Causes of a planner's failures that are told with an example, and columns of a terminal.
 _MOST_CAUSES, _WIDTH = 5, 80
+_BIBTEX = """@software{{tsbench,
+  author  = {{{{tsbench contributors}}}},
+  title   = {{tsbench: a closed-loop benchmark for obeying traffic signs on real road maps}},
+  year    = {{2026}},
+  version = {{{version}}},
+  note    = {{edition {edition}, scoring {scoring}}},
+}}"""
 # What failures are grouped by, with the field of a failure that it is.
 GROUPINGS = MappingProxyType({"planner": "planner", "type": "type", "clause": "cause"})
 _ENDS = {
@@ -36,10 +46,14 @@ _ENDS = {
 }
 
 
+def primary(planners: Sequence[PlannerSummary]) -> str:
+    """The part of SCD that a run is read by: that of pairs, where it has any."""
+    return next(part for part in PARTS if any(part in p.scores for p in planners))
+
+
 def headline(planners: Sequence[PlannerSummary]) -> tuple[list[str], list[list[str]]]:
     """Heads and rows of a table: each planner's primary figure, %, over all types with its interval, and by group."""
-    panels = present_panels(planners)
-    part = next(part for part in PARTS if any(part in p.scores for p in planners))
+    panels, part = present_panels(planners), primary(planners)
     rows = []
     for p in planners:
         figures = panels_of(p, part)
@@ -48,13 +62,41 @@ def headline(planners: Sequence[PlannerSummary]) -> tuple[list[str], list[list[s
     return [f"{NAMES[part]}, %", *panels], rows
 
 
-def _text(figure: StrictAndCompleted[Estimate] | None, *, interval: bool) -> str:
+def _text(figure: StrictAndCompleted[Estimate] | None, *, interval: bool, unit: str = "") -> str:
     found = None if figure is None else figure.main
     if found is None or found.value is None:
         return DASH
     ends = (found.low, found.high) if interval else (None, None)
     told = "" if None in ends else f" ({ends[0]:.1f}{DASH}{ends[1]:.1f})"
-    return f"{found.value:.1f}{told}"
+    return f"{found.value:.1f}{unit}{told}"
+
+
+def citation(run: StoredRun, planners: Sequence[PlannerSummary]) -> tuple[list[str], str]:
+    """What to say with a run's figures, a line for each planner, and the BibTeX entry of what they were made with."""
+    part, effective = primary(planners), run.manifest["effective"]
+    of = {
+        "city": "",
+        "split": " split",
+        "variants": " variants",
+        "half": " half",
+        "limit": " scenarios at most",
+    }
+    words = [
+        f"{value}{what}" for name, what in of.items() if (value := effective.get(name)) not in (None, BOTH)
+    ]
+    words += ["plates masked"] if effective["mask_signs"] else []
+    words += [] if run.perception.level is None else [f"perception {run.manifest['asked']['perception']}"]
+    kinds = "" if len(effective["types"]) == TYPES else f"{', '.join(effective['types'])}; "
+    scoring = run.manifest.get("scoring", 1)
+    said = (
+        f"tsbench {run.edition}, {', '.join(words)}; {kinds}scoring {scoring}, contract {run.contract[:12]}"
+    )
+    lines = []
+    for p in planners:
+        figure = panels_of(p, part).get(ALL)
+        counted = "" if figure is None else f", n = {figure.main.n:,}"
+        lines.append(f"{p.label}: {NAMES[part]} {_text(figure, interval=True, unit=' %')}{counted} ({said})")
+    return lines, _BIBTEX.format(edition=run.edition, scoring=scoring, version=tsbench.__version__)
 
 
 @dataclass(frozen=True)
@@ -112,7 +154,7 @@ def counted(failures: Sequence[Failure], run: StoredRun, planner: str) -> str:
     """How many of a planner's episodes failed, and of what."""
     causes = Counter(failure.cause for failure in failures if failure.planner == planner)
     told = ", ".join(f"{count} {cause}" for cause, count in causes.most_common())
-    return f"{planner}: {causes.total()} of {len(run.of(planner))} episodes failed: {told}"
+    return f"{planner}: {causes.total()} of {len(run.of(planner))} episodes failed{': ' if told else ''}{told}"
 
 
 def examples(run: StoredRun) -> Iterator[str]:
