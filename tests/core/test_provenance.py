@@ -69,9 +69,9 @@ def test_what_is_for_type_checkers_does_not_run(tmp_path: Path) -> None:
 
 def test_installed_packages_and_pythons_own_are_not_followed(tmp_path: Path) -> None:
     site = tmp_path / "site-packages"
-    for name in ("mine", "theirs"):
+    for name in ("mine", "another_package"):
         (site / name).mkdir(parents=True)
-        (site / name / "__init__.py").write_text("import theirs, json, numpy\n")
+        (site / name / "__init__.py").write_text("import another_package, json, numpy\n")
     assert set(closure([site / "mine" / "__init__.py"])) == {"mine/__init__.py"}
 
 

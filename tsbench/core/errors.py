@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import traceback
+from pathlib import Path
+
 from tsbench.core.text import written_out
+
+# Of Python and of tsbench.
+_LIBRARIES = (Path(os.__file__).parent, Path(__file__).resolve().parents[1])
 
 
 def cause_of(error: BaseException) -> str:
@@ -12,6 +19,19 @@ def cause_of(error: BaseException) -> str:
     except Exception:
         text = "(its text cannot be had)"
     return written_out(f"{type(error).__name__}: {text}")
+
+
+def cause_in_planner(error: BaseException) -> str:
+    """As `cause_of`, with the planner's own line that it came from, as in "(mine.py:12)", the same on any machine."""
+    if type(error).__name__ == "BdbQuit":
+        return "BdbQuit: breakpoint() has no terminal in a run: tsbench debug drives an episode with one"
+    files = [(Path(f.f_code.co_filename), line) for f, line in traceback.walk_tb(error.__traceback__)]
+    own = [(path, line) for path, line in files if path.is_absolute() and not _is_library(path)]
+    return cause_of(error) + (f" ({own[-1][0].name}:{own[-1][1]})" if own else "")
+
+
+def _is_library(path: Path) -> bool:
+    return any(map(path.is_relative_to, _LIBRARIES)) or "site-packages" in path.parts
 
 
 class TsbenchError(Exception):

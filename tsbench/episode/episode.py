@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsbench.core.errors import InputError, PlannerOutputError, SimulationError, cause_of
+from tsbench.core.errors import InputError, PlannerOutputError, SimulationError, cause_in_planner, cause_of
 from tsbench.core.seeds import floor_seed, planner_seed
 from tsbench.episode.command import Plan, to_command, to_plan
 from tsbench.episode.observation import Observer, destination_on_map, ego_on_map
@@ -197,7 +197,8 @@ class Episode:
 
     def fail(self, problem: BaseException) -> None:
         """End the episode by what the planner raised, whatever it is."""
-        self._end(Outcome.PLANNER_ERROR, _line(problem), "".join(traceback.format_exception(problem)))
+        detail = "".join(traceback.format_exception(problem))
+        self._end(Outcome.PLANNER_ERROR, cause_in_planner(problem)[:_MOST_ERROR], detail)
 
     def _break_off(self, problem: Exception) -> None:
         if isinstance(problem, PlannerOutputError):

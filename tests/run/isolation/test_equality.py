@@ -103,6 +103,7 @@ def test_weights_are_hashed_in_their_file(tmp_path: Path, monkeypatch: pytest.Mo
 def test_a_program_is_hashed_as_its_file(tmp_path: Path) -> None:
     file = tmp_path / "program"
     file.write_bytes(b"1")
+    file.chmod(0o755)
     before = code_hash(f"exe:{file}")
     file.write_bytes(b"2")
     assert before != code_hash(f"exe:{file}") == sha256_of(file)

@@ -154,7 +154,9 @@ def counted(failures: Sequence[Failure], run: StoredRun, planner: str) -> str:
     """How many of a planner's episodes failed, and of what."""
     causes = Counter(failure.cause for failure in failures if failure.planner == planner)
     told = ", ".join(f"{count} {cause}" for cause, count in causes.most_common())
-    return f"{planner}: {causes.total()} of {len(run.of(planner))} episodes failed{': ' if told else ''}{told}"
+    return (
+        f"{planner}: {causes.total()} of {len(run.of(planner))} episodes failed{': ' if told else ''}{told}"
+    )
 
 
 def examples(run: StoredRun) -> Iterator[str]:

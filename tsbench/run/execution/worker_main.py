@@ -17,7 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from tsbench.core.errors import InputError, cause_of
+from tsbench.core.errors import InputError, cause_in_planner, cause_of
 from tsbench.core.machine import die_with
 from tsbench.episode.outcome import EpisodeResult, Outcome, Phase
 from tsbench.episode.trace import trace_path, write_trace
@@ -169,7 +169,7 @@ class Worker:
             result = self._runner_of(task.planner).run(spec)
         except BaseException as problem:
             # Nobody asks a worker to end by an exception: whatever it is, KeyboardInterrupt too, the planner raised it.
-            row = error_row(spec, who.name, who.privileged, Outcome.PLANNER_ERROR, cause_of(problem))
+            row = error_row(spec, who.name, who.privileged, Outcome.PLANNER_ERROR, cause_in_planner(problem))
             return Record(row, [], lost_timing(spec, who.name, 0.0), cut_short(traceback.format_exc())), None
         self._heartbeat.beat(Phase.SCORING)
         try:

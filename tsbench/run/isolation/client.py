@@ -15,7 +15,7 @@ import traceback
 from contextlib import suppress
 from typing import Any
 
-from tsbench.core.errors import InputError, cause_of
+from tsbench.core.errors import InputError, cause_in_planner
 from tsbench.core.machine import adopt_orphans
 from tsbench.core.text import written_out
 from tsbench.planners.base import Planner, PlannerContext
@@ -91,7 +91,7 @@ class Client:
         except BaseException as problem:
             # Half a character, in what a planner says, is no reason to say nothing.
             detail = traceback.format_exc()[-_LONGEST_TEXT:].encode(errors="backslashreplace").decode()
-            return protocol.frame(protocol.FailedMessage(cause_of(problem)[:500], detail))
+            return protocol.frame(protocol.FailedMessage(cause_in_planner(problem)[:500], detail))
         return command_message(output)
 
     def _message(self) -> protocol.Asked | None:
