@@ -18,8 +18,9 @@ def thresholds() -> dict[str, dict[str, float]]:
     """By rule, with what it takes over from the one that it extends."""
     own: dict[str, dict[str, float]] = defaultdict(dict)
     for row in table("rules.md", "rule", "threshold", "value"):
-        assert row["threshold"] not in own[row["rule"]], row
-        own[row["rule"]][row["threshold"]] = float(row["value"])
+        for rule in words(row["rule"]):
+            assert row["threshold"] not in own[rule], row
+            own[rule][row["threshold"]] = float(row["value"])
     for rule, base in (("stop", "give_way"), ("roundabout", "give_way"), ("one_way_exit", "manoeuvre")):
         own[rule] = {**own[base], **own[rule]}
     return own

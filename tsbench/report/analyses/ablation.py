@@ -1,6 +1,6 @@
 """The sign-channel ablation: the same planner on the same scenes, with and without `--mask-signs`.
 
-Source: docs/metrics.md, "Analyses"; one variant of each test map gives 580 pairs.
+Source: docs/analyses.md; one variant of each test map gives 580 pairs.
 Differences as in `tsbench compare`.
 """
 
