@@ -45,11 +45,18 @@ def chromium() -> Iterator[Browser]:
 
 @contextmanager
 def opened(
-    browser: Browser, url: str, ready: str, size: tuple[int, int] = DESKTOP, scheme: str = "light"
+    browser: Browser,
+    url: str,
+    ready: str,
+    size: tuple[int, int] = DESKTOP,
+    scheme: str = "light",
+    motion: str = "reduce",
 ) -> Iterator[Page]:
     """A page that may ask only for itself and its own server; errors in it fail the test. ready: selects what is
-    waited for."""
-    context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=scheme)
+    waited for. motion: a player plays by itself with "no-preference" alone."""
+    context = browser.new_context(
+        viewport={"width": size[0], "height": size[1]}, color_scheme=scheme, reduced_motion=motion
+    )
     page = context.new_page()
     page.set_default_timeout(1_000 * HANG_S)
     problems: list[str] = []

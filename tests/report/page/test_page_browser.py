@@ -148,6 +148,24 @@ def test_the_player_by_keyboard(chromium: Browser, report: Path) -> None:
         assert not page.locator("#player").is_visible()
 
 
+def test_an_episode_is_seen_whole_and_plays_when_it_is_opened(chromium: Browser, report: Path) -> None:
+    """Verdict and controls beside the map; the next failure by its key, past what was passed."""
+    link = f"#play={quote(f'idm/{TRACED[0]}', safe='')}"
+    with opened(chromium, report.as_uri() + link) as page:
+        until(page, "tsb.player.episode !== null")
+        for name in ("player-view", "player-verdict", "player-play"):
+            box = page.locator(f"#{name}").bounding_box()
+            assert box is not None
+            assert box["y"] + box["height"] <= DESKTOP[1], name
+        title = page.inner_text("#player-title")
+        page.keyboard.press("]")
+        until(page, f"document.getElementById('player-title').innerText !== {title!r}")
+        # That of the other planner: what this one passed is left out.
+        assert page.evaluate("tsb.player.episode.scenario") == TRACED[0]
+    with opened(chromium, report.as_uri() + link, motion="no-preference") as page:
+        until(page, "tsb.player.playing")
+
+
 def test_the_view_is_drawn_and_the_violation_marked(chromium: Browser, report: Path) -> None:
     link = f"#play={quote(f'idm/{TRACED[0]}', safe='')}&t=3.0"
     with opened(chromium, report.as_uri() + link) as page:

@@ -132,8 +132,9 @@ def _failure(row: Mapping[str, Any], run: StoredRun) -> Failure:
     story = run.stories.get((row["planner"], row["scenario_id"]))
     if row["error"]:
         cause, sentence = "error", one_line(row["error"])
-    elif story is not None:
-        cause, sentence = story["clause"], readable(story["sentence"])
+    elif row["violation_clause"]:
+        # A run that is under way may have the record before the event.
+        cause, sentence = row["violation_clause"], readable(story["sentence"]) if story else ""
     else:
         cause, sentence = row["outcome"], _ending(row)
     names = {name: row[name] for name in ("planner", "scenario_id", "half", "outcome")}

@@ -1,7 +1,7 @@
 /* The player: one episode, both halves of a pair, or two planners' drives of one scene, side by side on one time axis.
  *
  * tsb.player.open(row, rows): rows are those of the table, for "previous" and "next". Its `can(row)`, `partner(row)`
- * (the other half's row, null without one), `rivals(row)` (rows of the same scene by planner), `who(row)` (its
+ * (the other half's row, null without one), `passed(row)`, `rivals(row)` (rows of the same scene by planner), `who(row)` (its
  * planner) and `name(row)` (in links) are the table's. */
 tsb.player = (() => {
   const { el, Half } = tsb, get = (id) => document.getElementById(`player-${id}`);
@@ -10,7 +10,7 @@ tsb.player = (() => {
   let shown = [], main = null; // the halves that are played, the signed one first; the one that was opened
   let tick = 0, playing = false, last = 0, row = -1, rows = [], asked = 0;
   let beside = ""; // the planner that is shown beside; "": the other half
-  const api = { open, can: () => false, partner: () => null, rivals: () => new Map(), name: String, who: String, get episode() { return main?.episode ?? null; },
+  const api = { open, can: () => false, passed: () => false, partner: () => null, rivals: () => new Map(), name: String, who: String, get episode() { return main?.episode ?? null; },
     get halves() { return shown.map((half) => half.episode); }, get cameras() { return shown.map((half) => half.view.camera); },
     get tick() { return tick; }, get playing() { return playing; } };
 
@@ -100,6 +100,7 @@ tsb.player = (() => {
     if (time !== null) seek((time - main.episode.start) / main.episode.dt);
     else if (broken()) seek(broken().ticks(broken().first) - 30); // shortly before it
     else seek(0);
+    if (time === null && !matchMedia("(prefers-reduced-motion: reduce)").matches) play();
   }
   /* The row that is shown beside, and what else could be. */
   function choose() {
@@ -113,7 +114,7 @@ tsb.player = (() => {
   function arrange(count) {
     shown = stages.slice(0, count);
     dialog.classList.toggle("two", count > 1);
-    for (const id of ["half-2", "2-verdict"]) get(id).hidden = count < 2;
+    get("half-2").hidden = count < 2;
   }
   /* What one half is told is done in both; the camera that is moved takes the other one along. */
   function connect(half) {
@@ -136,12 +137,13 @@ tsb.player = (() => {
     }
     draw();
   }
-  function neighbour(by) {
-    const at = rows.indexOf(row), other = api.partner(row);
-    for (let k = at + by; at >= 0 && k >= 0 && k < rows.length; k += by) if (rows[k] !== other && api.can(rows[k])) return rows[k];
+  function neighbour(by, failed = false) {
+    const at = rows.indexOf(row), other = failed ? null : api.partner(row);
+    for (let k = at + by; at >= 0 && k >= 0 && k < rows.length; k += by)
+      if (rows[k] !== other && api.can(rows[k]) && !(failed && api.passed(rows[k]))) return rows[k];
     return null;
   }
-  const go = (by) => { const to = neighbour(by); if (to !== null) open(to, rows); };
+  const go = (by, failed) => { const to = neighbour(by, failed); if (to !== null) open(to, rows); };
   const zoom = (factor) => shown[0]?.view.zoom(factor);
 
   /* --- controls ----------------------------------------------------------------------------------------------- */
@@ -170,7 +172,7 @@ tsb.player = (() => {
       " ": toggle, ArrowLeft: () => by(event.shiftKey ? -10 : -1), ArrowRight: () => by(event.shiftKey ? 10 : 1),
       Home: () => by(-Infinity), End: () => by(Infinity), v: violation, "+": () => zoom(1.4), "=": () => zoom(1.4),
       "-": () => zoom(1 / 1.4), f: () => { get("follow").checked = !get("follow").checked; draw(); },
-      n: () => go(1), p: () => go(-1),
+      n: () => go(1), p: () => go(-1), "]": () => go(1, true), "[": () => go(-1, true),
     };
     const action = actions[key] ?? actions[key.toLowerCase()];
     if (action) { event.preventDefault(); action(); }

@@ -21,6 +21,7 @@ tsb.tableOptions = { "episode-table": (() => {
       tsb.player.name = name;
       tsb.player.who = (row) => api.text("planner", row);
       tsb.player.can = (row) => playable(api, row);
+      tsb.player.passed = (row) => api.table.values.scd[row] === true;
       tsb.player.partner = (row) => api.table.values.partner[row];
       tsb.player.rivals = (row) => {
         const scene = api.text("scenario_id", row), found = new Map();
