@@ -1,4 +1,4 @@
-"""Coverage of the 95 % intervals of shares, in a simulation: prints the table of docs/metrics.md.
+"""Coverage of the 95 % intervals of shares, in a simulation: prints the figures behind docs/metrics.md.
 
 Passes are drawn from beta-binomials. A place holds 1 to 4 pairs of a type, as in the test split, or ten; in the means
 over types, places and types are those of the pairs in results/plant2-ft. A cell is the least and the greatest coverage
@@ -71,7 +71,7 @@ def coverage(count: Array, rate: float, correlation: float, draws: int, rng: np.
 @click.command()
 @click.option("--draws", default=500, show_default=True, help="Simulated tables of each rate.")
 def main(draws: int) -> None:
-    """Print the table of docs/metrics.md, and the correlation."""
+    """Print the figures behind docs/metrics.md, and the correlation."""
     rng = np.random.default_rng(np.random.SeedSequence(SEED))
     designs = {}
     for places in PLACES:

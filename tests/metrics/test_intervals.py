@@ -130,7 +130,7 @@ def test_as_many_episodes_at_fewer_places_are_less_sure() -> None:
 @pytest.mark.parametrize("correlation", [0.0, 0.25, 0.5])
 @pytest.mark.parametrize("rate", [0.2, 0.5])
 def test_intervals_hold_the_rate_in_95_of_100_tables(rate: float, correlation: float) -> None:
-    """packaging/interval_coverage.py does it for the table in docs/metrics.md."""
+    """packaging/interval_coverage.py does it for more cases."""
     rng = np.random.default_rng(0)
     count = np.tile([[1.0], [2.0], [3.0]], (7, 1))
     held = 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from spec_tables import numbers, table
+from spec_tables import numbers, table, words
 
 from tsbench.dataset.scenes import traffic
 from tsbench.dataset.scenes.recipe import load_recipe
@@ -68,8 +68,8 @@ def test_comfort() -> None:
 
 
 def test_the_planners_are_those_that_are_registered() -> None:
-    rows = table("planners.md", "planner", "expert")
-    page = {name for row in rows for name in (row["planner"], row["expert"]) if name}
+    rows = table("planners.md", "planners", "experts")
+    page = {name for row in rows for column in ("planners", "experts") for name in words(row[column])}
     assert len(page) == 30
     assert page == {name for name in registry.names() if registry.entry(name).target.startswith("tsbench.")}
 
