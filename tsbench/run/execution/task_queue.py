@@ -24,8 +24,8 @@ class Task:
 class TaskQueue:
     """Tasks in chunks of one planner and network, planner by planner; an idle worker takes from the longest.
 
-    Chunks, and tasks in them, are in an order that nobody knows before: nothing follows from how many came before,
-    which a planner sees by the numbers of processes and by the clock.
+    The order of chunks, and of tasks in them, is drawn by the system's randomness, and changes no row. A planner can
+    count the episodes before by process numbers and by the clock; with a known order the count would name the half.
     """
 
     def __init__(self, tasks: Iterable[Task]) -> None:
