@@ -49,5 +49,5 @@ def test_a_device_that_is_not_there_is_one_line(name: str) -> None:
 
     if torch.cuda.is_available():
         pytest.skip("has a GPU")
-    with pytest.raises(InputError, match=r"^--device cuda: torch sees no CUDA device here$"):
+    with pytest.raises(InputError, match=r"^device cuda: torch sees no CUDA device here$"):
         tsbench.evaluate([name], split="test", types=("yield",), limit=1, workers=1, device="cuda")

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from tsbench.scenarios.spec import ScenarioSpec
 
 _Key = tuple[int, str]
+# No planner can know what it gives.
+_draw = random.SystemRandom().random
 
 
 @dataclass(frozen=True)
@@ -29,12 +31,11 @@ class TaskQueue:
     """
 
     def __init__(self, tasks: Iterable[Task]) -> None:
-        draw = random.SystemRandom()
         self._chunks: dict[_Key, deque[Task]] = {}
-        for task in sorted(tasks, key=lambda _: draw.random()):
+        for task in sorted(tasks, key=lambda _: _draw()):
             self._chunks.setdefault((task.planner, task.spec.net), deque()).append(task)
         self._fresh: dict[int, deque[_Key]] = {}
-        for key in sorted(self._chunks, key=lambda key: (key[0], draw.random())):
+        for key in sorted(self._chunks, key=lambda key: (key[0], _draw())):
             self._fresh.setdefault(key[0], deque()).append(key)
         self._mine: dict[int, _Key] = {}
         self._returned: deque[Task] = deque()
