@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from collections.abc import Callable
 from graphlib import TopologicalSorter
 
@@ -76,3 +78,22 @@ def test_no_files_import_each_other_in_a_circle() -> None:
     """Else the error names one."""
     graph = {name: {other for other, _ in found if other != name} for name, found in imports().items()}
     TopologicalSorter(graph).prepare()
+
+
+# Packages of extras, as if they were not installed; then what starts with the command line, and the rest of the base.
+BASE = """
+import importlib, sys
+sys.modules.update(dict.fromkeys(
+    "pandas matplotlib osmnx osmium PIL resvg_py jinja2 statsmodels torch gymnasium ray requests".split()
+))
+for name in ("cli.run", "cli.planners", "cli.report"):
+    importlib.import_module(f"tsbench.{name}")
+assert "libsumo" not in sys.modules
+for name in ("api.evaluate", "api.drive", "cli.city", "cli.scenarios", "cli.leaderboard"):
+    importlib.import_module(f"tsbench.{name}")
+"""
+
+
+def test_the_base_needs_no_extra_and_starts_without_sumo() -> None:
+    done = subprocess.run([sys.executable, "-c", BASE], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")

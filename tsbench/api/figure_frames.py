@@ -18,40 +18,6 @@ from tsbench.scenarios.spec import pair_type
 
 if TYPE_CHECKING:
     import pandas as pd
-import pandas as pd
-
-_SHOWN = ["planner", "figure", "reading", "value", "low", "high", "n"]
-
-
-class Figures(pd.DataFrame):
-    """A pandas table whose text is the overall figures, each with its interval; what is taken from it is plain."""
-
-    @property
-    def _constructor(self) -> type[pd.DataFrame]:
-        return pd.DataFrame
-
-    def __repr__(self) -> str:
-        if not {*_SHOWN, "over"} <= set(self.columns):
-            return super().__repr__()
-        overall = pd.DataFrame(self[self["over"] == "all"])
-        shown = overall[_SHOWN].astype(dict.fromkeys(("value", "low", "high"), float))
-        if shown["reading"].nunique() < 2:
-            shown = shown.drop(columns="reading")
-        text = shown.to_string(index=False, float_format=lambda number: f"{number:.1f}", na_rep="-")
-        return (
-            f"{text}\n"
-            f"{len(self) - len(overall)} more rows: by group and type. low, high: the 95 % interval.\n"
-            f"Columns: {', '.join(map(str, self.columns[:6]))},\n{', '.join(map(str, self.columns[6:]))}"
-        )
-
-    def __str__(self) -> str:
-        return repr(self)
-
-
-def figures_of(rows: list[dict[str, Any]]) -> Figures:
-    """Rows as such a table."""
-    return Figures(rows)
-
 
 _ALL, _SCD_UNIT = "all", "%"
 _Row = dict[str, Any]
@@ -76,7 +42,7 @@ def summary_frame(summary: Summary) -> pd.DataFrame:
     """Every figure of every planner."""
     rows = [{"planner": p.planner, **row} for p in summary.planners for row in _rows(p.scores, p.metrics)]
     load("pandas")
-    frame: pd.DataFrame = load("tsbench.api.figure_frames").figures_of(rows)
+    frame: pd.DataFrame = load("tsbench.api.figures").figures_of(rows)
     return frame
 
 

@@ -155,8 +155,8 @@ def new(
     osm: Path | None,
 ) -> None:
     """Describe an extract, or the roads of a box or place that are fetched, as the city NAME in cities/NAME.yaml."""
-    from tsbench.dataset.maps.extracts import facts_of
-    from tsbench.dataset.maps.overpass import GEOCODER, outline_of
+    from tsbench.dataset.maps.own_extract import facts_of
+    from tsbench.dataset.maps.place import GEOCODER, outline_of
 
     file, code = new_city_file(name), country_code(country, "--country")
     if osm is not None and not osm.is_dir() and ending_of(osm.name):

@@ -14,9 +14,8 @@ from tsbench.core.paths import CITY, OWN_CITY, city_names, driven_city, expanded
 from tsbench.episode.perception_level import EXACT
 from tsbench.planners.common.batching import DEVICES
 from tsbench.planners.registry import names as registered
-from tsbench.run.plan import choose_types
+from tsbench.run.plan import choose_types, types_and_groups
 from tsbench.scenarios.table import SPLITS, read_table, splits_there, table_path
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.countries import Country, load_country
 
 if TYPE_CHECKING:
@@ -63,11 +62,6 @@ def _completed(
         return [f"{before}{comma}{name}" for name in names() if name.startswith(last)]
 
     return complete
-
-
-def _types_and_groups() -> list[str]:
-    types = load_catalog().types
-    return [kind.id for kind in types] + sorted({kind.group for kind in types})
 
 
 def words_of(text: str) -> tuple[str, ...]:
@@ -119,7 +113,7 @@ def of_their_city(_context: click.Context, _parameter: click.Parameter, runs: An
 
 
 def words(name: str, help: str) -> Option:
-    shown = _completed(_types_and_groups)
+    shown = _completed(types_and_groups)
     return click.option(
         name, multiple=True, metavar="TYPE,GROUP,…", callback=_words, help=help, shell_complete=shown
     )

@@ -247,11 +247,10 @@ class Episode:
     def judged(self) -> Judged:
         """What the monitors say so far, or said in the end."""
         m = self.monitors
-        target, wrong_way = m.target.clauses(), m.wrong_way.clauses()
         others, needless = (
             tuple(c for one in group for c in one.clauses()) for group in (m.others, m.needless)
         )
-        return Judged(tuple(target), others, needless, tuple(wrong_way), m.target.engaged)
+        return Judged(m.target.clauses(), others, needless, m.wrong_way.clauses(), m.target.engaged)
 
     def _locate(self, last: int) -> EgoState:
         m = self.motion

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote, unquote
 
 import numpy as np
@@ -25,7 +25,6 @@ from tsbench.core.parquet import OSM_LICENCE, check_size
 from tsbench.core.text import one_line
 from tsbench.core.typed import typed
 from tsbench.episode.command import Plan
-from tsbench.episode.episode import Episode
 from tsbench.episode.observation import destination_on_map, ego_on_map
 from tsbench.episode.outcome import Contact, EpisodeFacts, EpisodeResult, Outcome, counted_against
 from tsbench.episode.perception import SignDetection
@@ -37,6 +36,10 @@ from tsbench.scenarios.spec import MOST_TICKS, ScenarioSpec
 from tsbench.sim.navigation import Navigator, RouteView
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import ActorKind, ActorTable, WorldSnapshot
+
+if TYPE_CHECKING:
+    # Reading a trace needs no SUMO.
+    from tsbench.episode.episode import Episode
 
 TRACE_SCHEMA = 1
 _KEY = "tsbench.trace"

@@ -85,10 +85,15 @@ def make_plan(request: Request) -> RunPlan:
     return RunPlan(request, catalog, table, tuple(chosen), tuple(t for t in types if t in present))
 
 
+def types_and_groups() -> list[str]:
+    """What `--types` knows: ids of types, in the catalogue's order, then groups."""
+    types = load_catalog().types
+    return [kind.id for kind in types] + sorted({kind.group for kind in types})
+
+
 def choose_types(asked: Sequence[str]) -> tuple[str, ...]:
     """Type ids named by `asked` (ids and group names; empty = all), in the catalogue's order."""
-    types = load_catalog().types
-    known = {kind.id for kind in types} | {kind.group for kind in types}
+    types, known = load_catalog().types, types_and_groups()
     for word in asked:
         if word not in known:
             groups = sorted({kind.group for kind in types})

@@ -15,9 +15,9 @@ from tsbench.cli import cli
 from tsbench.core.errors import InputError
 from tsbench.dataset import city as cities
 from tsbench.dataset.maps.degrees import places_of
-from tsbench.dataset.maps.extracts import facts_of
 from tsbench.dataset.maps.netconvert import convert_extract
 from tsbench.dataset.maps.osm import read_extract
+from tsbench.dataset.maps.own_extract import facts_of
 from tsbench.roads.network import read_network
 
 

@@ -10,8 +10,8 @@ import pytest
 from town import make_town
 
 from tsbench.core.errors import InputError
-from tsbench.dataset.maps.extracts import date_of
 from tsbench.dataset.maps.osm import read_extract
+from tsbench.dataset.maps.own_extract import date_of
 
 XML = make_town().xml()
 RELATION = '<relation id="9" version="1">{}<tag k="type" v="route"/></relation></osm>'

@@ -13,7 +13,7 @@ from tsbench.cli import cli
 from tsbench.core.errors import InputError
 from tsbench.dataset import city as cities
 from tsbench.dataset.city import City, check_extract, load_city
-from tsbench.dataset.maps.extracts import date_of
+from tsbench.dataset.maps.own_extract import date_of
 
 NODES = "".join(
     f'<node id="{k}" version="1"{{}} lat="49.95" lon="{lon}"/>' for k, lon in ((1, 11.50), (2, 11.51))

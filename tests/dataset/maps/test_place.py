@@ -14,7 +14,8 @@ import pytest
 from serving import answer, serving
 
 from tsbench.core.errors import InputError
-from tsbench.dataset.maps.overpass import check_outline, outline_of, query
+from tsbench.dataset.maps.overpass import check_outline, query
+from tsbench.dataset.maps.place import outline_of
 
 SQUARE = [[11.5, 49.9], [11.6, 49.9], [11.6, 50.0], [11.5, 50.0], [11.5, 49.9]]
 SMALL = [[12.0, 50.0], [12.01, 50.0], [12.01, 50.01], [12.0, 50.0]]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from lxml import etree
 
-from tsbench.report.drawing.paint import main_road_rgba, main_road_svg
+from tsbench.report.drawing.main_road_plate import main_road_rgba, main_road_svg
 from tsbench.report.drawing.road_shapes import mark_shapes, stop_lines
 from tsbench.report.drawing.scene_shapes import furniture_shapes
 from tsbench.report.drawing.shapes import Area, DrawnPlate

@@ -25,8 +25,7 @@ from tsbench.geometry.polyline import Array, Polyline, join
 from tsbench.planners.geometry import lane_polygon
 from tsbench.roads.road_map import Crossing, MapEdge, MapLane, RoadMap
 
-_STEP_M = 0.5
-_CHORD_M = 1.0
+_STEP_M, _CHORD_M = 0.5, 1.0
 _STRAIGHT_RAD, _UTURN_RAD = math.radians(30.0), math.radians(150.0)
 
 

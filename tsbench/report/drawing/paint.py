@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Iterable, Sequence
-from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
 
@@ -13,16 +11,15 @@ import cv2
 import numpy as np
 import shapely
 from PIL import Image as PilImage
-from resvg_py import svg_to_bytes
 
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.geometry.footprint import corners
 from tsbench.geometry.polyline import Array
 from tsbench.report.drawing.canvas import SHIFT, STYLE, Camera, Colour, Fixed, Image
 from tsbench.report.drawing.lettering import line_height, paste, shorten, write
+from tsbench.report.drawing.main_road_plate import main_road_rgba
 from tsbench.report.drawing.shapes import Area, Body, DrawnPlate, Line, Shape, cone_places
 from tsbench.signs.plates import plate_rgba
-from tsbench.sim.main_road import MainRoad
 
 # Outline of a car of length and width 1, nose to +x; then the windscreen.
 _HALF_BODY = [(0.5, 0.28), (0.44, 0.44), (0.3, 0.5), (-0.44, 0.5), (-0.5, 0.4)]
@@ -235,37 +232,3 @@ def png_bytes(picture: Image) -> bytes:
     file = BytesIO()
     PilImage.fromarray(picture).save(file, format="PNG", compress_level=4)
     return file.getvalue()
-
-
-_MAIN_PX, _OTHER_PX, _REACH_PX = 30, 11, 78
-
-
-def main_road_svg(key: str) -> str:
-    """The plate of a name (`MainRoad.key`) as an SVG document of 200 x 200 units."""
-    road = MainRoad.of(key)
-    return (
-        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 200 200"><title>8.13 Main road\'s direction</title>'
-        '<rect x="3" y="3" width="194" height="194" rx="12" fill="#ffffff" stroke="#1a1a1a" stroke-width="6"/>'
-        '<g fill="none" stroke="#1a1a1a" stroke-linejoin="round">'
-        f"{''.join(_way((angle,), _OTHER_PX) for angle in road.others)}{_way(road.main, _MAIN_PX)}</g></svg>"
-    )
-
-
-def _way(angles: Sequence[int], width: int) -> str:
-    """A road through the middle (two angles), or to it (one)."""
-    ends = [
-        (100 - _REACH_PX * math.sin(math.radians(a)), 100 - _REACH_PX * math.cos(math.radians(a)))
-        for a in angles
-    ]
-    points = [ends[0], (100.0, 100.0), *ends[1:]]
-    return f'<polyline stroke-width="{width}" points="{" ".join(f"{x:.1f},{y:.1f}" for x, y in points)}"/>'
-
-
-@lru_cache(maxsize=256)
-def main_road_rgba(key: str, size_px: int) -> Image:
-    """The plate of a name, read-only (size_px, size_px, 4), RGB with straight alpha."""
-    png = svg_to_bytes(svg_string=main_road_svg(key), width=size_px, height=size_px, skip_system_fonts=True)
-    with PilImage.open(io.BytesIO(png)) as picture:
-        pixels = np.array(picture.convert("RGBA"))
-    pixels.setflags(write=False)
-    return pixels

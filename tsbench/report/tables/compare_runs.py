@@ -147,7 +147,9 @@ def _check_kept(kept: Side, own: Side) -> None:
         "half": None if asked["half"] == BOTH else asked["half"],
     }
     words = [word for name, value in given.items() if value for word in (f"--{name}", str(value))]
-    command = shlex.join(["tsbench", "run", *words, *(["--mask-signs"] if asked["mask_signs"] else [])])
+    command = shlex.join(
+        ["tsbench", "run", *words, *(["--mask-signs"] if kept.run.perception.masked else [])]
+    )
     raise InputError(
         f"{own.label} has other scenarios than the kept results of {kept.planner}: drive the same ones with "
         f"{command} (--force compares what both have)"

@@ -84,7 +84,7 @@ def citation(run: StoredRun, planners: Sequence[PlannerSummary]) -> tuple[list[s
     words = [
         f"{value}{what}" for name, what in of.items() if (value := effective.get(name)) not in (None, BOTH)
     ]
-    words += ["plates masked"] if effective["mask_signs"] else []
+    words += ["plates masked"] if run.perception.masked else []
     words += [] if run.perception.level is None else [f"perception {run.manifest['asked']['perception']}"]
     kinds = "" if len(effective["types"]) == TYPES else f"{', '.join(effective['types'])}; "
     scoring = run.manifest.get("scoring", 1)
