@@ -15,7 +15,7 @@ import yaml
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, read_rows, save_table
-from tsbench.core.paths import OWN_CITY, cities_folder, dataset_file, dataset_root, fetch_hint, source_city
+from tsbench.core.paths import OWN_CITY, city_names, dataset_file, dataset_root, fetch_hint, source_city
 from tsbench.core.typed import read_typed
 from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.spec import CONTRAST, MOST_TICKS, SCHEMA_VERSION, SIGNED, ScenarioSpec
@@ -51,9 +51,8 @@ def read_table(path: Path) -> list[ScenarioSpec]:
     made = "brings the released one, tsbench scenarios build makes one" if own else "makes it"
     hint = f"{fetch_hint(path.stem)} {made}"
     there = splits_there(path.parent)
-    described = {found.stem for found in cities_folder().glob("*.yaml")}
-    if not own and not there and source_city() not in described:
-        raise InputError(f"--city {source_city()}: no such city; there are {', '.join(sorted(described))}")
+    if not own and not there and source_city() not in city_names():
+        raise InputError(f"--city {source_city()}: no such city; there are {', '.join(city_names())}")
     if not own and path.stem in SPLITS and path.stem not in there and there:
         raise InputError(f"{path}: {source_city()} has no {path.stem} split; it has {', '.join(there)}")
     at = path.stat() if path.is_file() else None
