@@ -23,9 +23,9 @@ from tsbench.episode.trace import find_trace, read_trace
 from tsbench.report.drawing.canvas import STYLE, Image, PageSize
 from tsbench.report.drawing.paint import save_png, sheet
 from tsbench.report.scene_pictures import PNG_SIZE, moment, scene_picture
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 
 _COLUMNS, _ROWS = 4, 5
 _VIEW = PageSize(480, 440)
@@ -41,7 +41,7 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=20, help="of each group")
     parser.add_argument("--run", type=Path, help="a run of one planner with --trace all")
     asked = parser.parse_args()
-    pairs = pairs_of(read_table(table_path(asked.split)))
+    pairs = pairs_of(DataSet.in_use().table(asked.split))
     first = {signed.pair_type: (signed, other) for signed, other in reversed(pairs) if signed.variant == 0}
     _save(asked.out, "types", [first[name] for name in sorted(first)], asked.run)
     groups = defaultdict(list)
@@ -90,9 +90,9 @@ def _panels(pairs: Sequence[tuple[ScenarioSpec, ScenarioSpec | None]], run: Path
 
 
 def _panel(row: ScenarioSpec, other: ScenarioSpec | None, run: Path | None) -> Panel:
-    scene, text = load_scene(row), f"{row.scenario_id}\nsign {row.sign_code} {row.half}"
+    scene, text = load_scene(DataSet.in_use(), row), f"{row.scenario_id}\nsign {row.sign_code} {row.half}"
     if run is None:
-        beside = None if other is None else load_scene(other)
+        beside = None if other is None else load_scene(DataSet.in_use(), other)
         page = scene_picture(scene, row.scenario_id, _VIEW, map_id=row.map_id, beside=beside)
         return text, np.ascontiguousarray(page[_VIEW.header_px : -_VIEW.footer_px])
     trace = read_trace(find_trace(run, row.scenario_id))

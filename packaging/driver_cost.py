@@ -19,7 +19,7 @@ from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.messages import Setup
 from tsbench.run.execution.ray import RayExecutor
 from tsbench.run.execution.task_queue import Task, TaskQueue
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog
 
 
@@ -30,12 +30,14 @@ def main(count: int) -> None:
     for _ in range(2):
         cluster.add_node(num_cpus=1)
     os.environ["RAY_ADDRESS"] = cluster.address
-    rows = read_table(table_path("test"))[:count]
-    contract = contract_hash(read_table(table_path("test")), load_catalog())
+    rows = DataSet.in_use().table("test")[:count]
+    contract = contract_hash(DataSet.in_use().table("test"), load_catalog())
     kept: list[object] = []
     with RayExecutor(2, count, Limits()) as pool, tempfile.TemporaryDirectory() as out:
         (who,) = pool.probe(["fake_planners:Good"])
-        setup = Setup((who,), EXACTLY, "cpu", "none", out, "test", contract, runner="fake_runner:FakeRunner")
+        setup = Setup(
+            (who,), EXACTLY, "cpu", "none", out, DataSet(), "test", contract, runner="fake_runner:FakeRunner"
+        )
         tasks = TaskQueue(Task(k, 0, row) for k, row in enumerate(rows, start=1))
         began, wall = time.process_time(), time.monotonic()
         pool.run(setup, tasks, kept.append, lambda: False)

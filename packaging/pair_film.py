@@ -22,9 +22,9 @@ from tsbench.report.drawing.birds_eye import BirdsEye
 from tsbench.report.drawing.canvas import STYLE, Colour, Image, PageSize
 from tsbench.report.drawing.lettering import paste, text_width, write
 from tsbench.report.film import save_gif
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plates import plate_rgba
 from tsbench.sim.scene import Scene
@@ -42,8 +42,8 @@ _NEAR_M = 21.0
 
 def main(run: str, pair: str, out: str, *planners: str) -> None:
     """Draw the film of these planners, one row each, in their order."""
-    halves = [row for row in read_table(table_path(SPLIT)) if row.pair_id == pair]
-    scenes = [load_scene(row) for row in halves]
+    halves = [row for row in DataSet.in_use().table(SPLIT) if row.pair_id == pair]
+    scenes = [load_scene(DataSet.in_use(), row) for row in halves]
     traces = [
         [read_trace(find_trace(Path(run), f"{planner}/{row.scenario_id}")) for row in halves]
         for planner in planners

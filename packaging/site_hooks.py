@@ -48,8 +48,9 @@ def _sign_files() -> list[Path]:
     """Pages of scenario types with their pictures. The index is the last to be written, and says that all are there."""
     if not (_SIGNS / "README.md").is_file():
         from tsbench.report.tables.sign_pages import PageMaker
+        from tsbench.scenarios.data_set import DataSet
 
-        maker = PageMaker(_SIGNS)
+        maker = PageMaker(DataSet(), _SIGNS)
         for name in maker.types:
             maker.write(name)
         maker.write_index()

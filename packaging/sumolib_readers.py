@@ -21,8 +21,8 @@ from tsbench.dataset.maps.netconvert import convert_to_plain, sumo_binary
 from tsbench.dataset.maps.paths import sources_dir
 from tsbench.dataset.maps.plain_xml import parse_edges, parse_nodes
 from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.store import SceneStore
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.scene_file import read_additional
 
 
@@ -58,8 +58,8 @@ def unlike(network: RoadNetwork, net: sumolib.net.Net) -> int:
 
 
 def main(extract: str) -> None:
-    rows = [row for row in read_table(table_path("dev")) if row.variant == 0][::6]
-    store = SceneStore()
+    rows = [row for row in DataSet.in_use().table("dev") if row.variant == 0][::6]
+    store = SceneStore(DataSet.in_use())
     with tempfile.TemporaryDirectory(prefix="tsbench-sumolib-") as name:
         folder = Path(name)
         nets: list[Path] = []

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from tsbench.run.edition import editions, in_force
+from tsbench.scenarios.data_set import DataSet
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -15,7 +16,7 @@ PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 _CONTRACT = re.compile(r"[Cc]ontract `([0-9a-f]{64})`")
 _FIRST_LINES = 6
 
-IN_FORCE = in_force()
+IN_FORCE = in_force(DataSet.in_use())
 OTHERS = [edition for edition in editions() if edition.name != IN_FORCE.name]
 
 

@@ -23,8 +23,8 @@ from tsbench.planners.registry import names, resolve
 from tsbench.run import arithmetic
 from tsbench.run.contract import SCORING
 from tsbench.run.log.record import make_record
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 
 GOLDEN = Path(__file__).with_name("golden.json")
 # These share all types; every other planner drives a pair of one type.
@@ -37,7 +37,7 @@ IMPERFECT = ("reader", "poor")
 def pairs() -> list[list[ScenarioSpec]]:
     """The halves of the first pair of each type of dev, types in order."""
     found: dict[str, dict[str, list[ScenarioSpec]]] = {}
-    for row in sorted(read_table(table_path("dev")), key=lambda row: row.scenario_id):
+    for row in sorted(DataSet.in_use().table("dev"), key=lambda row: row.scenario_id):
         found.setdefault(row.pair_type, {}).setdefault(row.pair_id or row.scenario_id, []).append(row)
     return [next(iter(of_type.values())) for _, of_type in sorted(found.items())]
 

@@ -15,12 +15,12 @@ from test_docs_commands import wrong
 
 import tsbench
 from tsbench.cli.campaign import options_of, read_campaign
-from tsbench.core.paths import OWN_CITY, city_in_use
+from tsbench.core.paths import OWN_CITY
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.contract import contract_hash
 from tsbench.run.edition import standing_contract
 from tsbench.run.log.manifest import read_manifest
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog
 
 ROOT = Path(tsbench.__file__).parent.parent
@@ -39,7 +39,7 @@ def test_the_kept_runs_are_those_of_the_file() -> None:
         assert manifest is not None
         kept = {"perception": EXACT, **manifest["asked"], "city": manifest["effective"].get("city", OWN_CITY)}
         with options_of(one, {}, FILE) as given:
-            asked = {**given, "city": city_in_use(), "types": list(given["types"])}
+            asked = {**given, "city": DataSet.in_use().name, "types": list(given["types"])}
         for drives in (asked, kept):
             drives["planners"] = [spec.rpartition(":")[2] for spec in drives["planners"]]
         where = {"workers", "executor", "out"}
@@ -102,5 +102,5 @@ def test_every_step_on_four_pairs(
     assert list(found) == [("drivers", "idm"), ("drivers", "idm-e"), ("town", "idm-e")]
     assert found["drivers", "idm"] < found["drivers", "idm-e"]
     assert rows[1:3] + rows[4:] == [[name, f"{figure:.1f}"] for (_, name), figure in found.items()]
-    contract = standing_contract(contract_hash(read_table(table_path("dev")), load_catalog()))
+    contract = standing_contract(contract_hash(DataSet.in_use().table("dev"), load_catalog()))
     assert f"Contract `{contract}`." in page.read_text()

@@ -14,11 +14,12 @@ import pytest
 
 import tsbench
 from tsbench.cli.campaign import read_campaign
-from tsbench.core.paths import OWN_CITY, city_in_use, mirrored_in_use, using_city
+from tsbench.core.paths import OWN_CITY, using_city
 from tsbench.report.analyses.failures import CAUSES
 from tsbench.run.contract import mirrored_contract
 from tsbench.run.edition import built_editions, edition_now, edition_of, editions, in_force, standing_contract
 from tsbench.run.log.read import StoredRun, read_run
+from tsbench.scenarios.data_set import DataSet
 
 ROOT = Path(tsbench.__file__).parent.parent
 FOLDERS = sorted(path.parent for path in (ROOT / "results").glob("*/run.json"))
@@ -39,9 +40,11 @@ def runs() -> list[StoredRun]:
 def contract_of_test(city: str) -> str:
     """That of the edition's results."""
     with using_city(city):
-        (edition,) = [e for e in (*editions(), *built_editions()) if e.name == edition_now()] or [in_force()]
+        (edition,) = [
+            e for e in (*editions(), *built_editions()) if e.name == edition_now(DataSet.in_use())
+        ] or [in_force(DataSet.in_use())]
         kept = edition.kept("test")
-        return mirrored_contract(kept) if mirrored_in_use() else kept
+        return mirrored_contract(kept) if DataSet.in_use().mirrored else kept
 
 
 def test_each_is_whole_and_of_the_edition_in_force(runs: list[StoredRun]) -> None:
@@ -50,8 +53,12 @@ def test_each_is_whole_and_of_the_edition_in_force(runs: list[StoredRun]) -> Non
         assert not any(run.holes(name) for name in run.asked)
         assert run.manifest["effective"]["variants"] == "one-per-map"
         with using_city(run.manifest["effective"].get("city", OWN_CITY)):
-            assert run.manifest["edition"] == edition_of(run.contract) == edition_now()
-            assert standing_contract(run.contract) == contract_of_test(city_in_use())
+            assert (
+                run.manifest["edition"]
+                == edition_of(run.contract, "", DataSet.in_use())
+                == edition_now(DataSet.in_use())
+            )
+            assert standing_contract(run.contract) == contract_of_test(DataSet.in_use().name)
 
 
 def test_none_tells_of_the_folders_of_who_drove_it() -> None:

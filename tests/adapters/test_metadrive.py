@@ -29,7 +29,7 @@ from tsbench.core.errors import InputError
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Observation
 from tsbench.planners.registry import resolve
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 from tsbench.sim.world import ActorKind
 
 # Where the numbers stand.
@@ -192,7 +192,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 def test_it_drives_as_published_and_the_same_again(wheel: Path) -> None:
     rows = [
         row
-        for row in read_table(table_path("dev"))
+        for row in DataSet.in_use().table("dev")
         if row.scenario_type in ("no_entry", "speed_limit", "yield")
     ]
     runner = EpisodeRunner(resolve("metadrive-ppo"))

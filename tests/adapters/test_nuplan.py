@@ -28,8 +28,8 @@ from tsbench.planners.base import Trajectory
 from tsbench.planners.geometry import EGO
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.roads.planner_map import build_planner_map
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import CONTRAST
-from tsbench.scenarios.table import read_table, table_path
 
 Layer = Enum("Layer", ["LANE", "LANE_CONNECTOR", "ROADBLOCK", "ROADBLOCK_CONNECTOR", "STOP_LINE"])
 
@@ -390,7 +390,7 @@ KINDS = ("speed_limit", "no_turn_left", "yield", "crosswalk", "one_way_right")
 
 def drive_scenes(planner: LoadedPlanner, kinds: Sequence[str]) -> list[str]:
     """Outcomes in the first dev scene of each type, without its plate. Fails at an error."""
-    rows = [row for row in read_table(table_path("dev")) if row.half == CONTRAST]
+    rows = [row for row in DataSet.in_use().table("dev") if row.half == CONTRAST]
     runner = EpisodeRunner(planner)
     driven = [runner.run(next(row for row in rows if row.pair_type == kind)) for kind in kinds]
     runner.close()

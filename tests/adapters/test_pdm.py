@@ -18,8 +18,8 @@ from tsbench.adapters.pdm.proposals import OFFSETS_M, SHARES, STEPS, Proposals, 
 from tsbench.adapters.pdm.scoring import score
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.registry import LoadedPlanner
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import CONTRAST
-from tsbench.scenarios.table import read_table, table_path
 
 LENGTH, WIDTH = 4.6, 1.8
 
@@ -121,7 +121,7 @@ FIVE = ("speed_limit", "no_turn_left", "yield", "crosswalk", "one_way_right")
 
 
 def test_it_drives_five_scenes_and_the_same_twice() -> None:
-    rows = [row for row in read_table(table_path("dev")) if row.half == CONTRAST]
+    rows = [row for row in DataSet.in_use().table("dev") if row.half == CONTRAST]
     five = [next(row for row in rows if row.pair_type == kind) for kind in FIVE]
     runner = EpisodeRunner(LoadedPlanner("pdm", Pdm))
     driven = [runner.run(row) for row in five]

@@ -23,7 +23,7 @@ from tsbench.envs.encoders import KINDS
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.registry import resolve
 from tsbench.run.planner_info import describe
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 
 # Stable-Baselines3 and torch are large: they are imported where they are needed, in processes of their own.
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def test_it_drives_by_the_command_that_is_printed(tmp_path: Path, capsys: pytest
     assert f"tsbench run --planner {spec} --split dev" in capsys.readouterr().out
     loaded = resolve(spec)
     assert (loaded.name, loaded.sign_access, loaded.chooses_route) == ("Mine", True, True)
-    row = read_table(table_path("dev"))[0]
+    row = DataSet.in_use().table("dev")[0]
     first, second = (EpisodeRunner(loaded).run(row) for _ in range(2))
     assert not first.error
     ways = [

@@ -18,7 +18,7 @@ from tsbench.dataset.scenes.traffic import Car
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
 from tsbench.scenarios.certificates import Certificate, certificates_path, write_certificates
-from tsbench.scenarios.table import table_path, write_table
+from tsbench.scenarios.table import write_table
 from tsbench.sim.scene import EgoStart
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -52,7 +52,7 @@ def folder(tmp_path: Path) -> Iterator[Path]:
         for k in range(2)
     ]  # fmt: skip
     rows[1] = replace(rows[1], variant=1, density=4.0)
-    write_table(rows, table_path("test", root))
+    write_table(rows, root / "test.parquet")
     world.store_scenes(rows, root, root)
     write_certificates([certificate("row0", 0.0), certificate("row1", 13.3)], certificates_path(root))
     with pytest.MonkeyPatch.context() as patch:

@@ -21,6 +21,7 @@ from tsbench.core.paths import using_city
 from tsbench.dataset.maps.utm import UtmFrame
 from tsbench.envs.drive_env import DriveEnv
 from tsbench.run.edition import contract_now, edition_now, edition_of, editions
+from tsbench.scenarios.data_set import DataSet
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NORTH = 5_540_000.0
@@ -75,9 +76,9 @@ def test_from_an_extract_to_a_table(clone: Path, tmp_path: Path, capsys: pytest.
     shown_episode = traced.show(traced.episodes["scenario_id"][0])
     assert shown_episode.frame.startswith(b"\x89PNG")
     with using_city("nowhere"):
-        assert edition_now() == name
-        assert edition_of(contract_now("dev")) == name
-        assert edition_of("f" * 64) == f"{name}+local"
+        assert edition_now(DataSet.in_use()) == name
+        assert edition_of(contract_now(DataSet.in_use(), "dev"), "", DataSet.in_use()) == name
+        assert edition_of("f" * 64, "", DataSet.in_use()) == f"{name}+local"
 
 
 def described(clone: Path, name: str, content: bytes, **more: str) -> None:

@@ -15,9 +15,10 @@ from tsbench.core.paths import data_file
 from tsbench.report.tables.compare_runs import find_side
 from tsbench.run.edition import in_force
 from tsbench.run.log.read import read_run
+from tsbench.scenarios.data_set import DataSet
 
 # Made-up contracts are nobody's edition.
-LOCAL = f"{in_force().name}+local"
+LOCAL = f"{in_force(DataSet.in_use()).name}+local"
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from command_line import in_process, refused
 from tsbench.core import paths
 from tsbench.core.errors import InputError
 from tsbench.envs.drive_env import DriveEnv
-from tsbench.scenarios.table import splits_there
+from tsbench.scenarios.data_set import DataSet
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = "no such scene files (tsbench data fetch --from DIR|URL train)"
@@ -84,7 +84,7 @@ def test_fine_tuning_without_the_oracle(lacking: Path, capsys: pytest.CaptureFix
 def test_a_split_that_a_city_does_not_have(monkeypatch: pytest.MonkeyPatch) -> None:
     """No command brings it: the line names the splits that are there."""
     monkeypatch.setenv("TSBENCH_CITY", "andorra")
-    there = ", ".join(splits_there())
+    there = ", ".join(DataSet.in_use().splits)
     assert "train" not in there
     with pytest.raises(InputError, match=f"train.parquet: andorra has no train split; it has {there}$"):
         DriveEnv()

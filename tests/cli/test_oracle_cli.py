@@ -9,8 +9,8 @@ import pytest
 from command_line import Command, in_process, refused
 
 from tsbench.learn.oracle.trajectories import Recorded, write_trajectories
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 
 NO_TABLE = (
     "no such table (tsbench data fetch --from DIR|URL oracle brings the released one, "
@@ -28,7 +28,7 @@ def oracle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
 @pytest.fixture(scope="module")
 def rows() -> list[ScenarioSpec]:
     """The test split's table: the smaller one."""
-    return read_table(table_path("test"))
+    return DataSet.in_use().table("test")
 
 
 def drive(scenario: str, planner: str, rank: int) -> Recorded:

@@ -17,8 +17,8 @@ from tsbench.core.errors import SimulationError
 from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.planners.check import Level, check_statically
 from tsbench.planners.registry import names, resolve
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.tools.check_planner import DriveSample, check_driving, choose, findings
 
 BAD = """
@@ -152,7 +152,7 @@ def test_nobody_is_told_of_no_problems_off_the_road(
 
 
 def test_scenes_are_of_every_type_quiet_and_busy() -> None:
-    chosen = choose(read_table(table_path("test")))
+    chosen = choose(DataSet.in_use().table("test"))
     assert len(chosen) == 10
     assert len({s.scenario_type for s in chosen}) == 10
     assert {s.variant == 0 for s in chosen} == {True, False}
@@ -172,7 +172,7 @@ def test_scenes_are_of_every_type_quiet_and_busy() -> None:
     ],
 )
 def test_driving_finds_what_is_wrong(bad: Path, name: str, topic: str, words: str) -> None:
-    scenes = [s for s in read_table(table_path("test")) if s.variant == 0][:2]
+    scenes = [s for s in DataSet.in_use().table("test") if s.variant == 0][:2]
     # Only who sleeps for ever is given up.
     wait_limit_s = 5.0 if name == "Sleeper" else HANG_S
     found = check_driving(f"{bad}:{name}", scenes, wait_limit_s=wait_limit_s)

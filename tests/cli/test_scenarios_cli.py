@@ -20,7 +20,7 @@ from tsbench.roads.network import read_network
 from tsbench.scenarios.certificates import Certificate, bases, certificates_path, write_certificates
 from tsbench.scenarios.map_pool import write_pool
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path, write_table
+from tsbench.scenarios.table import read_table, write_table
 from tsbench.sim.scene import EgoStart
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -51,7 +51,7 @@ def made_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for k in range(3):
             spec = maker.make(f"yield-j-{split}-v{k}", start, Destination("n_out", 60.0), way, sign)
             rows[split].append(replace(spec, map_id=f"j-{split}", split=split, variant=k))
-        write_table(rows[split], table_path(split, folder))
+        write_table(rows[split], folder / f"{split}.parquet")
         world.store_scenes(rows[split], built, folder)
     pool = [pool_builders.crossroads("j-train", east=0.0), pool_builders.crossroads("j-test", east=5000.0)]
     write_pool(pool, root / "sumo_nets" / "pool.parquet")
@@ -140,7 +140,7 @@ def test_lint_counts_plates_by_kind_of_place(data: Path, capsys: pytest.CaptureF
     start, end = EgoStart("s_in_0", 30.0, 7.75), Destination("n_out", 60.0)
     spec = maker.make("yield-j-test-v0", start, end, ("s_in", "n_out"), far)
     rows = [replace(spec, map_id="j-test", split="test")]
-    write_table(rows, table_path("test", data / "scenarios"))
+    write_table(rows, data / "scenarios" / "test.parquet")
     world.store_scenes(rows, data / "built", data / "scenarios")
     told = run(capsys, "lint", "--split", "test", "--each", "1", expect=1)
     assert "yield-j-test-v0: sign_0 (2.4, target): line: stands 83 m before the line, at most 26 m" in told
@@ -155,10 +155,10 @@ def test_verify_sound_rows(data: Path, capsys: pytest.CaptureFixture[str]) -> No
 
 def test_verify_names_every_problem_and_exits_with_1(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = data / "scenarios"
-    rows = read_table(table_path("test", folder))
+    rows = read_table(folder / "test.parquet")
     (data / "built" / "yield-j-test-v2.add.xml.gz").write_bytes(b"<additional/>")
     world.store_scenes(rows[1:], data / "built", folder)
-    table = table_path("train", folder)
+    table = folder / "train.parquet"
     rows = read_table(table)
     write_table([replace(rows[0], scenario_type="fly"), *rows[1:]], table)
     told = run(capsys, "verify", expect=1)
@@ -179,7 +179,7 @@ def test_verify_finds_maps_that_are_too_near_in_both_splits_or_nowhere(
     assert "j-train: is within 300 m of test map j-test" in run(capsys, "verify", expect=1)
     write_pool([pool_builders.crossroads("j-train"), pool_builders.crossroads("j-test", east=421.0)], pool)
     run(capsys, "verify")
-    table = table_path("test", data / "scenarios")
+    table = data / "scenarios" / "test.parquet"
     write_table([replace(r, place="j-other") for r in read_table(table)], table)
     assert "j-test: is of place j-test" in run(capsys, "verify", expect=1)
     write_pool([pool_builders.crossroads("j-train")], pool)
@@ -218,13 +218,13 @@ def test_wrong_usage_is_one_line(
 
 
 def test_a_missing_or_broken_table_is_one_line(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    table = table_path("train", data / "scenarios")
+    table = data / "scenarios" / "train.parquet"
     table.write_bytes(table.read_bytes()[:200])
     for command in ("list", "verify", "stats"):
         assert f"{table}: not a readable Parquet table" in run(capsys, command, expect=2)
     table.unlink()
     assert run(capsys, "list").split() == [f"yield-j-test-v{k}" for k in range(3)]
-    table_path("test", data / "scenarios").unlink()
+    (data / "scenarios" / "test.parquet").unlink()
     assert "no such table (tsbench data fetch --from DIR|URL test brings" in run(capsys, "list", expect=2)
 
 

@@ -16,7 +16,7 @@ from tsbench.geometry.polyline import Polyline
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.common.lane_change import pursue_route
 from tsbench.planners.registry import resolve
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 
 
 def pickled(thing: Any) -> Any:
@@ -75,7 +75,7 @@ class Copies:
 
 
 def test_what_a_planner_is_given() -> None:
-    row = next(row for row in read_table(table_path("dev")) if row.pair_type == "yield")
+    row = next(row for row in DataSet.in_use().table("dev") if row.pair_type == "yield")
     result = EpisodeRunner(resolve(f"{__file__}:Copies")).run(row)
     assert result.error == ""
     assert result.facts is not None

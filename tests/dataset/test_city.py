@@ -13,25 +13,15 @@ from pool_builders import row
 
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
-from tsbench.core.paths import (
-    CITY,
-    SHIPPED_CITIES,
-    cities_folder,
-    city_in_use,
-    city_names,
-    data_root,
-    dataset_file,
-    dataset_root,
-    using_city,
-)
+from tsbench.core.paths import CITY, SHIPPED_CITIES, cities_folder, city_names, data_root, using_city
 from tsbench.dataset.city import fetch_extracts, load_city
 from tsbench.dataset.maps.extracts import extract_info, list_extracts
 from tsbench.dataset.maps.paths import netconvert_file, types_file
 from tsbench.dataset.maps.plain_xml import class_speeds
 from tsbench.dataset.scenes.city_build import carried
 from tsbench.dataset.scenes.recipe import load_recipe
-from tsbench.scenarios.certificates import certificates_path, read_certificates
-from tsbench.scenarios.table import read_table, splits_there, table_path
+from tsbench.scenarios.certificates import certificates_of
+from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog
 
 
@@ -165,29 +155,30 @@ def test_a_name_leads_nowhere_else(name: str, monkeypatch: pytest.MonkeyPatch) -
         pass
     monkeypatch.setenv(CITY, name)
     with pytest.raises(InputError, match="a city's name is of a-z, 0-9 and '-'"):
-        dataset_root()
+        DataSet.in_use()
 
 
 def test_the_city_in_use_has_its_own_data_and_is_left_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(CITY, raising=False)
-    own = dataset_file("scenarios/test.parquet")
+    own = DataSet.in_use().file("scenarios/test.parquet")
     assert own == data_root() / "scenarios" / "test.parquet"
     with using_city("krems"):
         # What the city does not have is not Moscow's.
         assert (
-            dataset_file("scenarios/test.parquet") == data_root() / "cities/data/krems/scenarios/test.parquet"
+            DataSet.in_use().file("scenarios/test.parquet")
+            == data_root() / "cities/data/krems/scenarios/test.parquet"
         )
         with using_city("andorra"):
-            assert city_in_use() == "andorra"
-        assert (city_in_use(), extract_info("krems").code) == ("krems", "kre")
-    assert (city_in_use(), dataset_file("scenarios/test.parquet")) == ("moscow", own)
+            assert DataSet.in_use().name == "andorra"
+        assert (DataSet.in_use().name, extract_info("krems").code) == ("krems", "kre")
+    assert (DataSet.in_use().name, DataSet.in_use().file("scenarios/test.parquet")) == ("moscow", own)
 
 
 @pytest.mark.parametrize("name", SHIPPED_CITIES)
 def test_every_row_of_a_town_is_certified_by_a_second_process(name: str) -> None:
     with using_city(name):
-        rows = [r for split in splits_there() for r in read_table(table_path(split))]
-        proofs = {c.scenario_id: c for c in read_certificates(certificates_path())}
+        rows = [r for split in DataSet.in_use().splits for r in DataSet.in_use().table(split)]
+        proofs = {c.scenario_id: c for c in certificates_of(DataSet.in_use())}
     assert proofs.keys() == {r.scenario_id for r in rows}
     for r in rows:
         c = proofs[r.scenario_id]

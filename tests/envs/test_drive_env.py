@@ -17,14 +17,14 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import city_in_use, using_city
+from tsbench.core.paths import using_city
 from tsbench.envs import DRIVE, DRIVE_V0
 from tsbench.envs.drive_env import DriveEnv
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Control, Observation
 from tsbench.planners.registry import resolve
 from tsbench.planners.rl.actions import aim
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 
 STILL = np.zeros(2, dtype=np.float32)
 
@@ -75,7 +75,7 @@ def test_the_checker_of_stable_baselines_passes() -> None:
 
 
 def test_it_drives_what_a_run_drives(env: DriveEnv) -> None:
-    row = next(r for r in read_table(table_path("test")) if r.scenario_type == "yield" and r.density > 0)
+    row = next(r for r in DataSet.in_use().table("test") if r.scenario_type == "yield" and r.density > 0)
     runner = EpisodeRunner(resolve(f"{__file__}:onward"))
     result = runner.run(row)
     _, told = env.reset(options={"scenario_id": row.scenario_id})
@@ -280,15 +280,15 @@ def test_a_copy_has_the_options_and_the_generator_but_no_episode(
 def test_another_city_is_driven_and_stays_the_environments_own() -> None:
     made = gymnasium.make(DRIVE, split="dev", city="north-bayreuth")
     with using_city("north-bayreuth"):
-        there = {row.scenario_id for row in read_table(table_path("dev"))}
-    here = city_in_use()
+        there = {row.scenario_id for row in DataSet.in_use().table("dev")}
+    here = DataSet.in_use().name
     for seed in range(3):
         _, info = made.reset(seed=seed)
         assert info["scenario_id"] in there
         made.step(np.array([0.1, 0.0, 0.0], dtype=np.float32))
-        assert city_in_use() == here
+        assert DataSet.in_use().name == here
     made.close()
-    assert not there & {row.scenario_id for row in read_table(table_path("dev"))}
+    assert not there & {row.scenario_id for row in DataSet.in_use().table("dev")}
 
 
 @pytest.mark.parametrize(("name", "costs"), [(DRIVE, -1.0), (DRIVE_V0, 0.0)])

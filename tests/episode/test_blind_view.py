@@ -12,9 +12,9 @@ from simworld import simulation
 from tsbench.episode.blind_view import blind_bytes
 from tsbench.episode.episode import Episode
 from tsbench.planners.base import Observation, PlannerContext
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 
 PAIRS = 50
 Pair = tuple[ScenarioSpec, ScenarioSpec]
@@ -24,7 +24,7 @@ Shown = tuple[PlannerContext, Observation]
 @pytest.fixture(scope="module")
 def pairs() -> list[Pair]:
     """Of every paired type in turn one map's first pair, then another map's."""
-    rows = read_table(table_path("test"))
+    rows = DataSet.in_use().table("test")
     names = {row.scenario_id: row for row in rows}
     queues: dict[str, dict[str, Pair]] = {}
     for row in rows:
@@ -37,7 +37,7 @@ def pairs() -> list[Pair]:
 
 @pytest.fixture(scope="module")
 def loader() -> SceneLoader:
-    return SceneLoader()
+    return SceneLoader(DataSet.in_use())
 
 
 def first_look(loader: SceneLoader, row: ScenarioSpec, privileged: bool = False) -> Shown:

@@ -11,18 +11,18 @@ import pytest
 from tsbench.episode.observation import Observer
 from tsbench.episode.perception_level import Perception
 from tsbench.planners.base import SignView
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.world import Actors, ActorTable, EgoState, WorldSnapshot
 
-LOADER = SceneLoader()
+LOADER = SceneLoader(DataSet.in_use())
 
 
 class Watch:
     """An observer of dev's first scene of a type and half, asked from places of the test's choice."""
 
     def __init__(self, kind: str, half: str = "signed", perception: Perception | None = None) -> None:
-        rows = read_table(table_path("dev"))
+        rows = DataSet.in_use().table("dev")
         row = next(r for r in rows if (r.scenario_type, r.half) == (kind, half))
         self.scene, roads = LOADER.load(row)
         self._observer = Observer(self.scene, roads.view, perception or Perception())

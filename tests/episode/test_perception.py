@@ -35,8 +35,8 @@ from tsbench.episode.trace import read_trace, write_trace
 from tsbench.planners.base import SignView
 from tsbench.planners.registry import resolve
 from tsbench.roads.road_map import RoadMap
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import DT_S, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
 
@@ -75,8 +75,8 @@ def parked(kind: ActorKind, length: float) -> Actors:
 
 @cache
 def a_map() -> RoadMap:
-    row = read_table(table_path("dev"))[0]
-    return SceneLoader().load(row)[1].view.map
+    row = DataSet.in_use().table("dev")[0]
+    return SceneLoader(DataSet.in_use()).load(row)[1].view.map
 
 
 def drive(
@@ -253,7 +253,7 @@ def test_levels_of_files(tmp_path: Path) -> None:
 
 def driven(scenarios: list[str], folder: Path) -> dict[str, str]:
     """Hashes of the traces of episodes with poor eyes, driven in this order."""
-    rows = {row.scenario_id: row for row in read_table(table_path("dev"))}
+    rows = {row.scenario_id: row for row in DataSet.in_use().table("dev")}
     perception, hashes = Perception(level=level("poor", false_per_km=20.0)), {}
     runner = EpisodeRunner(resolve("idm"), perception=perception)
     for name in scenarios:
@@ -265,7 +265,7 @@ def driven(scenarios: list[str], folder: Path) -> dict[str, str]:
 
 
 def test_the_same_bytes_in_two_processes_and_in_any_order(tmp_path: Path) -> None:
-    rows = read_table(table_path("dev"))
+    rows = DataSet.in_use().table("dev")
     pairs = {next(r.pair_id for r in rows if r.scenario_type == kind) for kind in ("speed_limit", "yield")}
     names = [r.scenario_id for r in rows if r.pair_id in pairs]
     here = driven(names, tmp_path)
@@ -284,7 +284,7 @@ def test_the_same_bytes_in_two_processes_and_in_any_order(tmp_path: Path) -> Non
 
 
 def test_exact_tells_nothing_and_keeps_its_bytes(tmp_path: Path) -> None:
-    row = next(r for r in read_table(table_path("dev")) if r.scenario_type == "yield")
+    row = next(r for r in DataSet.in_use().table("dev") if r.scenario_type == "yield")
     runner = EpisodeRunner(resolve("idm"))
     write_trace(tmp_path / "plain.parquet", runner.run(row))
     runner.close()

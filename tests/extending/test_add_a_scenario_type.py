@@ -6,7 +6,7 @@ import shutil
 
 from own_copy import ROOT, Copy, records
 
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 
 TYPE = "tunnel_speed"
 # The road of two directions that other tests build on stands for a map of the pool (argument: its name).
@@ -31,7 +31,7 @@ built = map_scenarios.SiteBuilder(recipe, Path("built"), simulation()).build(
 )
 assert not built.reason, built.reason
 store_scenes(built.rows, Path("built"), Path("scenarios"))
-write_table(built.rows, table_path("test", Path("scenarios")))
+write_table(built.rows, Path("scenarios") / "test.parquet")
 """
 
 
@@ -48,7 +48,7 @@ def test_a_scenario_type_is_a_recipe(clone: Copy) -> None:
     assert "35 signs, 30 scenario types" in clone.tsbench("signs list")
 
     shutil.copytree(ROOT / "tests/helpers", clone.root / "tests/helpers")
-    map_id = next(row.map_id for row in read_table(table_path("test")) if row.scenario_type == "min_speed")
+    map_id = next(row.map_id for row in DataSet.in_use().table("test") if row.scenario_type == "min_speed")
     clone.python("-c", BUILD, map_id)
     told = clone.tsbench(
         "scenarios list --split test",

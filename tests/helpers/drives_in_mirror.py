@@ -9,12 +9,14 @@ import pytest
 from simworld import simulation
 
 from tsbench import Control
-from tsbench.core.paths import MIRRORED, OWN_CITY, using_city
+from tsbench.core.paths import MIRRORED, OWN_CITY
 from tsbench.episode.episode import Episode
 from tsbench.episode.outcome import EpisodeFacts, EpisodeResult
 from tsbench.planners.registry import resolve
 from tsbench.rules.events import Violation
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.mirror import mirrored_row
+from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog, mirrored_code
 from tsbench.sim.world import ActorKind, WorldSnapshot
@@ -48,7 +50,8 @@ def drive(spec: ScenarioSpec, name: str, said: list[Control]) -> EpisodeResult:
 
 def replay(spec: ScenarioSpec, privileged: bool, said: list[Control]) -> EpisodeResult:
     """The same commands with the steering wheel turned the other way."""
-    episode = Episode(spec, planner="mirrored", privileged=privileged, simulation=simulation())
+    loader = SceneLoader(DataSet.named(MIRROR))
+    episode = Episode(spec, planner="mirrored", privileged=privileged, simulation=simulation(), loader=loader)
     for command in said:
         episode.step(replace(command, steering=-command.steering))
     assert episode.result is not None, f"{spec.scenario_id}: goes on where the other drive ended"
@@ -109,8 +112,7 @@ def compared(row: ScenarioSpec, name: str) -> EpisodeResult:
     """The drive of a planner; fails where the image of the drive has another world, outcome or event at any tick."""
     said: list[Control] = []
     result = drive(row, name, said)
-    with using_city(MIRROR):
-        image = replay(mirrored_row(row, load_catalog()), resolve(name).privileged, said)
+    image = replay(mirrored_row(row, DataSet.named(MIRROR).catalog), resolve(name).privileged, said)
     assert image.outcome == result.outcome, (row.scenario_id, image.error)
     assert result.facts is not None
     assert image.facts is not None

@@ -14,6 +14,7 @@ from tsbench.episode.command import to_command
 from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.perception_level import Perception
 from tsbench.planners.registry import LoadedPlanner
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.ego import Motion, advance
 
@@ -28,7 +29,9 @@ class FakeRunner:
         *,
         perception: Perception,
         heartbeat: Callable[[int], None],
+        data: DataSet,
     ) -> None:
+        del data
         self.name, self._factory = planner.name, planner.factory
         self._beat = heartbeat
         self._scene = episode_builders.scene()

@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 
 from tsbench.planners.base import Control
+from tsbench.scenarios.data_set import DataSet
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -48,11 +49,10 @@ class ByTable(Honest):
 
     def attack(self, context):
         from tsbench.core.seeds import planner_seed
-        from tsbench.scenarios.table import read_table, table_path
 
         return [
             row.sign_code
-            for row in read_table(table_path("dev"))
+            for row in DataSet.in_use().table("dev")
             if planner_seed(row.pair_name) == context.seed
         ]
 
@@ -499,11 +499,10 @@ def drive(place: str, scenario: str, *names: str) -> None:
     from tsbench.run.log import record as log
     from tsbench.run.planner_info import PlannerInfo
     from tsbench.scenarios.scene_loader import SceneLoader
-    from tsbench.scenarios.table import read_table, table_path
     from tsbench.sim.sumo import Simulation
 
-    (row,) = [row for row in read_table(table_path("dev")) if row.scenario_id == scenario]
-    simulation, loader = Simulation(), SceneLoader()
+    (row,) = [row for row in DataSet.in_use().table("dev") if row.scenario_id == scenario]
+    simulation, loader = Simulation(), SceneLoader(DataSet.in_use())
     for name in names:
         spec, _, seed = name.partition("@")
         spec = f"{Path(__file__).parent}/{spec}" if ":" in spec else f"{__file__}:{spec}"

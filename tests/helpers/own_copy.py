@@ -16,9 +16,10 @@ from patience import HANG_S
 
 from tsbench.core.paths import data_root
 from tsbench.core.xmlfile import sha256
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path, write_store
-from tsbench.scenarios.table import read_table, table_path, write_table
+from tsbench.scenarios.table import write_table
 
 ROOT = data_root()
 COMMANDS = """
@@ -80,10 +81,10 @@ class Copy:
         """The nominal scene of a type as the only row of the test split; changes: of its row, plate included."""
         row = next(
             r
-            for r in read_table(table_path("test"))
+            for r in DataSet.in_use().table("test")
             if (r.pair_type, r.half, r.variant) == (scenario_type, SIGNED, 0)
         )
-        store = SceneStore()
+        store = SceneStore(DataSet.in_use())
         net, additional = (store.read(row, name).content for name in (row.net, row.additional))
         if "sign_code" in changes:
             old, new = (
@@ -97,7 +98,7 @@ class Copy:
         scenarios = self.root / "scenarios"
         path = store_path("test", new_row.scenario_type, scenarios)
         write_store([(row.map_id, {row.net: net, row.additional: additional})], path)
-        write_table([new_row], table_path("test", scenarios))
+        write_table([new_row], scenarios / "test.parquet")
         return new_row
 
 

@@ -16,6 +16,7 @@ from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.episode.trace import trace_path, write_trace
 from tsbench.report.page.episode_player import EpisodePacker
 from tsbench.roads.lane_graph import LaneGraph
+from tsbench.scenarios.data_set import DataSet
 
 HOSTILE = '<img src=x onerror="document.title=1">&amp;.py:Mine'
 SENTENCE = "The ego drove <b>54.1 km/h</b> beside convoy_0 & more."
@@ -93,4 +94,4 @@ class Loader:
 
 
 def packer() -> EpisodePacker:
-    return EpisodePacker(Loader())
+    return EpisodePacker(DataSet.in_use(), Loader())

@@ -112,7 +112,7 @@ class World:
         motion = Motion(x, y, lane.line.heading_at(self.start_s), self.start_speed)
         told = None
         if self.target is not None:
-            told = Privilege(self.target, load_catalog().sign(self.target.code).rule, self.network, view)
+            told = Privilege(self.target, load_catalog(), self.network, view)
         planner.reset(PlannerContext(1, view.map, view.graph, destination, DT_S, told))
         last = lane.index
         for step in range(round(seconds / DT_S)):

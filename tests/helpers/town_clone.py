@@ -14,8 +14,9 @@ from town import make_town
 
 from tsbench.cli import main
 from tsbench.core import paths as repository_paths
-from tsbench.core.paths import CITY, city_in_use
+from tsbench.core.paths import CITY
 from tsbench.dataset.maps.utm import UtmFrame
+from tsbench.scenarios.data_set import DataSet
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NORTH = 5_540_000.0
@@ -55,7 +56,7 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> 
         main(list(arguments))
     told = capsys.readouterr()
     assert ended.value.code == code, told.out + told.err
-    assert city_in_use() == "moscow", "a command leaves its city behind"
+    assert DataSet.in_use().name == "moscow", "a command leaves its city behind"
     if code:
         assert told.err.strip().count("\n") == 0, told.err
     return told.out + told.err

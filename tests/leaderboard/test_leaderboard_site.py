@@ -23,12 +23,12 @@ from tsbench.leaderboard.site import build_site
 from tsbench.leaderboard.submission import Submission, SubmittedEpisode
 from tsbench.leaderboard.verification import Mismatch, Verification, draw
 from tsbench.run.edition import contract_now
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 
 Make = Callable[..., Submission]
 with using_city(TOWN):
-    ROWS = read_table(table_path("dev"))
-    CONTRACT = contract_now("dev")
+    ROWS = DataSet.in_use().table("dev")
+    CONTRACT = contract_now(DataSet.in_use(), "dev")
 DEV, DEV_ROWS = sorted(row.scenario_id for row in ROWS), len(ROWS)
 
 

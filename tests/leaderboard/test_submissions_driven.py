@@ -24,13 +24,13 @@ from tsbench.leaderboard.submission import read_submission
 from tsbench.leaderboard.verification import read_verification
 from tsbench.run.contract import contract_hash
 from tsbench.run.edition import LOCAL, edition_here
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog
 
 ROOT = Path(tsbench.__file__).parent.parent
 with using_city(TOWN):
-    DEV = read_table(table_path("dev"))
-    CHANGED = edition_here(contract_hash(DEV, load_catalog())).endswith(LOCAL)
+    DEV = DataSet.in_use().table("dev")
+    CHANGED = edition_here(contract_hash(DEV, load_catalog()), DataSet.in_use()).endswith(LOCAL)
 ZEROED_BYTES = 4096
 SAMPLE = ("--sample", "16", "--seed", "20261", "--workers", "2")
 # What a processor without FMA and AVX chooses: the C library's, torch's, MKL's and OpenBLAS' kernels.

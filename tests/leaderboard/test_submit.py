@@ -22,11 +22,11 @@ from tsbench.leaderboard.submission import Submission, episode_of, json_schema, 
 from tsbench.leaderboard.submit import make_submission
 from tsbench.run.edition import LOCAL
 from tsbench.run.log import read
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 
 Make = Callable[..., Submission]
 with using_city(TOWN):
-    DEV_ROWS = len(read_table(table_path("dev")))
+    DEV_ROWS = len(DataSet.in_use().table("dev"))
 
 
 def test_it_says_what_the_run_says(run: Path, make: Make, tmp_path: Path) -> None:
@@ -218,7 +218,7 @@ def test_a_missing_episode_is_told(honest: Make) -> None:
     made = honest("idm")
     spared = replace(made, episodes=made.episodes[1:])
     with pytest.raises(InputError, match=r"1 missing .*, 0 of no row"):
-        figures_of(spared.episodes, read_table(table_path("dev")), made.planner, made.contract)
+        figures_of(spared.episodes, DataSet.in_use().table("dev"), made.planner, made.contract)
 
 
 def test_the_schema_is_of_what_is_written(honest: Make) -> None:

@@ -15,7 +15,7 @@ from tsbench.episode.perception_level import EXACTLY
 from tsbench.leaderboard.claim import claim_of, claims_of
 from tsbench.leaderboard.submission import Submission, SubmittedEpisode, figures_of
 from tsbench.leaderboard.verification import ClaimVerdict, Verification, draw, read_verification, verify
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 
 Make = Callable[..., Submission]
 CONFIRMED, REFUTED = ClaimVerdict.CONFIRMED, ClaimVerdict.REFUTED
@@ -35,7 +35,7 @@ def whats(found: Verification) -> str:
 
 
 def with_figures(submission: Submission) -> Submission:
-    table = read_table(table_path("dev"))
+    table = DataSet.in_use().table("dev")
     figures = figures_of(submission.episodes, table, submission.planner, submission.contract)
     return replace(submission, figures=figures)
 
@@ -55,7 +55,7 @@ def test_an_honest_one_is_confirmed_byte_for_byte(honest: Make, tmp_path: Path) 
             read_verification(tmp_path / "record.json")
     # The draw is the verifier's: by the seed, and nothing else.
     (tmp_path / "idm.json").write_text(honest("idm").to_json())
-    claim, table = claim_of(tmp_path / "idm.json"), read_table(table_path("dev"))
+    claim, table = claim_of(tmp_path / "idm.json"), DataSet.in_use().table("dev")
     drawn = [
         tuple(row.scenario_id for row in draw(claim.contract, claim.episodes, table, 2, seed))
         for seed in (3, 4)

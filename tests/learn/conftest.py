@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 
 
 @pytest.fixture(scope="module")
 def rows() -> list[ScenarioSpec]:
-    return read_table(table_path("train"))
+    return DataSet.in_use().table("train")

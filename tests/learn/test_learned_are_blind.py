@@ -9,7 +9,7 @@ import pytest
 from tsbench.episode.perception_level import Perception
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners import registry
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 from tsbench.sim.sumo import Simulation
 
 BLIND = [n for n in registry.names() if registry.entry(n).weights and not registry.entry(n).sign_access]
@@ -28,7 +28,7 @@ def test_there_are_some() -> None:
 
 @pytest.mark.parametrize("name", BLIND)
 def test_masked_signs_change_nothing(name: str, simulation: Simulation) -> None:
-    row = next(r for r in read_table(table_path("test")) if r.scenario_type == "yield" and r.density > 0)
+    row = next(r for r in DataSet.in_use().table("test") if r.scenario_type == "yield" and r.density > 0)
     commands = [
         EpisodeRunner(registry.resolve(name), perception=Perception(masked=mask), simulation=simulation)
         .run(row)

@@ -14,7 +14,7 @@ from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import trace_path, write_trace
 from tsbench.planners.registry import resolve
 from tsbench.report.drawing.canvas import STYLE
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 
 ROOT = Path(__file__).resolve().parents[2]
 FILM = ROOT / "docs/images/pair.gif"
@@ -33,7 +33,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("run")
     for planner in PLANNERS:
         runner = EpisodeRunner(resolve(planner))
-        for spec in read_table(table_path("dev")):
+        for spec in DataSet.in_use().table("dev"):
             if spec.pair_id == PAIR:
                 write_trace(trace_path(folder, planner, spec.scenario_id), runner.run(spec))
         runner.close()

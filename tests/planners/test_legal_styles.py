@@ -12,7 +12,7 @@ from tsbench.planners.reader import Reader
 from tsbench.planners.registry import resolve
 from tsbench.roads.lane_graph import Destination
 from tsbench.run.log.record import make_record
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 from tsbench.sim.world import DT_S, EGO_LENGTH_M
 
 STYLES = (Cautious, Elderly, Assertive)
@@ -88,7 +88,7 @@ def test_the_elderly_driver_starts_late_and_gently() -> None:
 
 @pytest.mark.parametrize("style", STYLES)
 def test_passes_both_halves_of_nominal_pairs(style: type[LegalStyle]) -> None:
-    nominal = [r for r in read_table(table_path("dev")) if r.pair_type in TYPES and not r.variant]
+    nominal = [r for r in DataSet.in_use().table("dev") if r.pair_type in TYPES and not r.variant]
     rows = [r for kind in TYPES for r in [r for r in nominal if r.pair_type == kind][:2]]
     runner = EpisodeRunner(resolve(f"{style.__module__}:{style.__name__}"))
     records = [make_record(runner.run(row), privileged=True) for row in rows]

@@ -10,8 +10,8 @@ import pytest
 from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.registry import EXPERT, is_own, names, place_of, resolve
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation
 
 # But the second of two that are one network with other weights.
@@ -21,7 +21,7 @@ OWN = [n for n in names() if is_own(place_of(n.removesuffix(EXPERT))) and not n.
 @pytest.fixture(scope="module")
 def rows() -> list[ScenarioSpec]:
     """Both halves of a pair at a junction, and a scene with another plate."""
-    table = read_table(table_path("dev"))
+    table = DataSet.in_use().table("dev")
     pair = next(row.pair_id for row in table if row.pair_type == "yield")
     other = next(row for row in table if row.pair_type == "speed_limit")
     return [*(row for row in table if row.pair_id == pair), other]

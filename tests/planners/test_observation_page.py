@@ -15,7 +15,7 @@ from simworld import simulation
 from tsbench.episode.episode import Episode
 from tsbench.planners.base import Control, Observation, PlannerContext, Privilege, Trajectory
 from tsbench.planners.idm import Idm
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 from tsbench.sim.world import ActorKind, Indicator, WorldSnapshot
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -116,7 +116,7 @@ class Keeping:
 def test_what_the_page_says_of_a_drive() -> None:
     planner = Keeping()
     row = next(
-        row for row in read_table(table_path("dev")) if row.scenario_type == "yield" and row.variant == 1
+        row for row in DataSet.in_use().table("dev") if row.scenario_type == "yield" and row.variant == 1
     )
     episode = Episode(row, simulation=simulation())
     context = episode.context

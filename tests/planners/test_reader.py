@@ -8,14 +8,14 @@ from tsbench.episode.perception_level import EXACTLY, Perception, load_level
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.registry import resolve
 from tsbench.run.log.record import make_record
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 
 READER, CAREFUL = (f"tsbench.planners.reader:{name}" for name in ("Reader", "Careful"))
 
 
 def passed(planner: str, right: float | None, kind: str = "direction_right") -> list[bool]:
     """SCD of the signed and the contrast half of dev's last pair of a type. right: share read; None: exact eyes."""
-    rows = [r for r in read_table(table_path("dev")) if r.pair_type == kind]
+    rows = [r for r in DataSet.in_use().table("dev") if r.pair_type == kind]
     halves = sorted((r for r in rows if r.pair_id == rows[-1].pair_id), key=lambda r: r.half, reverse=True)
     level = EXACTLY
     if right is not None:

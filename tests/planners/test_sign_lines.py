@@ -17,9 +17,9 @@ from tsbench.planners.helpers import line_ahead, sign_ahead
 from tsbench.planners.idm import Idm
 from tsbench.rules.lines import ApproachLine
 from tsbench.rules.monitors import NullMonitor
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import EGO_LENGTH_M, EgoState
 
@@ -90,8 +90,8 @@ def _place(context: PlannerContext, o: Observation, sign: SignView) -> float:
 
 @pytest.fixture(scope="module")
 def looks() -> list[Look]:
-    loader = SceneLoader()
-    rows = [row for row in read_table(table_path("dev")) if row.variant == 0]
+    loader = SceneLoader(DataSet.in_use())
+    rows = [row for row in DataSet.in_use().table("dev") if row.variant == 0]
     return [look for row in rows for look in looks_of(loader, row)]
 
 
@@ -139,7 +139,7 @@ def test_plates_beside_another_road_are_told_by_their_edge_alone(looks: list[Loo
 
 
 def test_a_masked_plate_has_no_line() -> None:
-    row = next(row for row in read_table(table_path("dev")) if row.scenario_type == "stop")
+    row = next(row for row in DataSet.in_use().table("dev") if row.scenario_type == "stop")
     episode = Episode(row, perception=Perception(masked=True), simulation=simulation())
     context, o = episode.context, episode.observation
     assert o.signs

@@ -18,13 +18,13 @@ from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, trace_path, write_trace
 from tsbench.planners.registry import resolve
 from tsbench.report.episode_files import Selection, episode_name, make_files, select_traces
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 
 
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A trace that was really driven, on a scene of the committed tables."""
-    spec = next(row for row in read_table(table_path("test")) if row.scenario_type == "speed_limit")
+    spec = next(row for row in DataSet.in_use().table("test") if row.scenario_type == "speed_limit")
     path = tmp_path_factory.mktemp("driven") / "trace.parquet"
     runner = EpisodeRunner(resolve("idm"))
     write_trace(path, runner.run(spec))

@@ -10,8 +10,8 @@ import pytest
 import sumolib
 
 from tsbench.roads.network import Connection, RoadNetwork, read_network
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.store import SceneStore
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.scene import SceneFile
 
 CASES = Path(__file__).parent.parent / "cases" / "nets"
@@ -23,9 +23,9 @@ EXACT_M, TOUCH_M = 1e-9, 0.011
 @cache
 def crops() -> dict[str, tuple[Path, bytes]]:
     """Of each type the networks of its first dev pair: uncompressed, by name."""
-    store = SceneStore()
+    store = SceneStore(DataSet.in_use())
     found: dict[str, SceneFile] = {}
-    for row in read_table(table_path("dev")):
+    for row in DataSet.in_use().table("dev"):
         if row.variant == 0:
             found.setdefault(f"{row.pair_type} {row.half}", store.read(row, row.net))
     return {name: (file.path, file.content) for name, file in sorted(found.items())}

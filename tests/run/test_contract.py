@@ -17,7 +17,7 @@ from tsbench.core.paths import data_root
 from tsbench.run import contract
 from tsbench.run.contract import contract_hash
 from tsbench.run.edition import contract_now, edition_here
-from tsbench.scenarios.table import scene_editions
+from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import Catalog, load_catalog
 
 
@@ -62,11 +62,17 @@ def forget() -> None:
 )
 def test_a_clone_with_changes_is_local(clone: Path, edit: Callable[[Path], object]) -> None:
     assert not contract.code_is_local()
-    assert edition_here(contract_now("dev")) == scene_editions()["dev"]
+    assert (
+        edition_here(contract_now(DataSet.in_use(), "dev"), DataSet.in_use())
+        == DataSet.in_use().editions()["dev"]
+    )
     edit(clone)
     forget()
     assert contract.code_is_local()
-    assert edition_here(contract_now("dev")) == f"{scene_editions()['dev']}+local"
+    assert (
+        edition_here(contract_now(DataSet.in_use(), "dev"), DataSet.in_use())
+        == f"{DataSet.in_use().editions()['dev']}+local"
+    )
 
 
 def test_an_installed_package_is_compared_with_its_record(

@@ -25,14 +25,13 @@ from tsbench.run.edition import (
     in_force,
     release,
 )
-from tsbench.scenarios import table
-from tsbench.scenarios.certificates import certificates_path, read_certificates
-from tsbench.scenarios.table import read_table, scene_editions, splits_there, table_path
+from tsbench.scenarios.certificates import certificates_of
+from tsbench.scenarios.data_set import DataSet
 from tsbench.tools.diagnosis import Status, check_edition
 
 FEW = ("dev", "holdout")
-SCENES = scene_editions()
-RELEASED = [split for split in splits_there() if split not in earlier_splits()]
+SCENES = DataSet.in_use().editions()
+RELEASED = [split for split in DataSet.in_use().splits if split not in earlier_splits(DataSet.in_use())]
 
 
 @pytest.fixture(autouse=True)
@@ -44,7 +43,7 @@ def _unedited(monkeypatch: pytest.MonkeyPatch) -> None:
 @cache
 def found(split: str) -> str:
     """The contract of a split as it is on disk; reading its rows takes seconds."""
-    return contract_now(split)
+    return contract_now(DataSet.in_use(), split)
 
 
 @pytest.mark.parametrize("split", RELEASED)
@@ -52,47 +51,50 @@ def test_this_tsbench_is_what_was_released(split: str) -> None:
     """Where this fails, rules, scenes, code or versions have changed: if that is meant, `make edition`."""
     (scenes,) = [e for e in editions() if e.name == SCENES[split]]
     assert found(split) == scenes.released[tsbench.__version__][split]
-    assert edition_of(found(split)) == scenes.name
+    assert edition_of(found(split), "", DataSet.in_use()) == scenes.name
 
 
 @pytest.mark.parametrize("city", SHIPPED_CITIES)
 @pytest.mark.parametrize("split", ["dev", "test"])
 def test_a_city_that_is_shipped_is_what_was_released(city: str, split: str) -> None:
     with using_city(city):
-        assert edition_of(contract_now(split)) == f"{city}-{in_force().name}", "make edition"
-        assert len(read_table(table_path(split))) >= {"dev": 2, "test": 200}[split]
+        assert (
+            edition_of(contract_now(DataSet.in_use(), split), "", DataSet.in_use())
+            == f"{city}-{in_force(DataSet.in_use()).name}"
+        ), "make edition"
+        assert len(DataSet.in_use().table(split)) >= {"dev": 2, "test": 200}[split]
 
 
 @pytest.mark.parametrize("city", [OWN_CITY, "north-bayreuth", "andorra"])
 def test_a_mirrored_data_set_has_a_contract_of_its_own(city: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Named after what it mirrors: also where not a word of a row changes, as in Andorra's rings."""
     with using_city(city):
-        stored, name = contract_now("dev"), edition_now()
+        stored, name = contract_now(DataSet.in_use(), "dev"), edition_now(DataSet.in_use())
     with using_city(f"{MIRRORED}{city}"):
-        image = contract_now("dev")
-        now = in_force().name
-        assert edition_now() == f"{MIRRORED}{city}-{now}"
-        assert edition_of("f" * 64) == f"{MIRRORED}{city}-{now}+local"
+        image = contract_now(DataSet.in_use(), "dev")
+        now = in_force(DataSet.in_use()).name
+        assert edition_now(DataSet.in_use()) == f"{MIRRORED}{city}-{now}"
+        assert edition_of("f" * 64, "", DataSet.in_use()) == f"{MIRRORED}{city}-{now}+local"
     assert image != stored
     # It is released with the one that it follows from.
     made = Edition(name, "", {tsbench.__version__: {"dev": stored}})
     which = "editions" if city == OWN_CITY else "built_editions"
     monkeypatch.setattr(edition, which, lambda: (made,))
-    assert edition_of(image) == f"{MIRRORED}{city}-{now}"
-    assert edition_of(stored) == name
+    assert edition_of(image, "", DataSet.in_use()) == f"{MIRRORED}{city}-{now}"
+    assert edition_of(stored, "", DataSet.in_use()) == name
 
 
 def test_a_changed_contract_does_not_pass_under_the_name() -> None:
-    name = in_force().name
-    assert edition_of("f" * 64) == f"{name}+local"
+    name = in_force(DataSet.in_use()).name
+    assert edition_of("f" * 64, "", DataSet.in_use()) == f"{name}+local"
     # Nor does a run's own word make it one.
-    assert edition_of("f" * 64, name) == f"{name}+local"
-    assert edition_of("f" * 64, "2031.1+local") == "2031.1+local"
-    assert edition_of("f" * 64, ["no", "name"]) == f"{name}+local"
-    released = in_force().now()["test"]
-    assert edition_of(released, "2031.1") == name
+    assert edition_of("f" * 64, name, DataSet.in_use()) == f"{name}+local"
+    assert edition_of("f" * 64, "2031.1+local", DataSet.in_use()) == "2031.1+local"
+    assert edition_of("f" * 64, ["no", "name"], DataSet.in_use()) == f"{name}+local"
+    released = in_force(DataSet.in_use()).now()["test"]
+    assert edition_of(released, "2031.1", DataSet.in_use()) == name
     # Changed code stays marked, whatever the contract.
-    assert edition_of(released, "2031.1+local") == f"{name}+local"
+    assert edition_of(released, "2031.1+local", DataSet.in_use()) == f"{name}+local"
 
 
 def test_a_release_writes_its_version_and_keeps_the_others(
@@ -101,13 +103,13 @@ def test_a_release_writes_its_version_and_keeps_the_others(
     path = tmp_path / "editions.yaml"
     path.write_bytes(edition.PATH.read_bytes())
     monkeypatch.setattr(edition, "PATH", path)
-    monkeypatch.setattr(edition, "contract_now", found)
+    monkeypatch.setattr(edition, "contract_now", lambda _, split: found(split))
     editions.cache_clear()
     assert release() == {split: found(split) for split in RELEASED}
     assert path.read_bytes() == edition.PATH.read_bytes()
     before = editions()
     monkeypatch.setattr(tsbench, "__version__", "9.9.9")
-    monkeypatch.setattr(edition, "contract_now", lambda split: split * 16)
+    monkeypatch.setattr(edition, "contract_now", lambda _, split: split * 16)
     release()
     editions.cache_clear()
     for one, was in zip(editions(), before, strict=True):
@@ -116,33 +118,33 @@ def test_a_release_writes_its_version_and_keeps_the_others(
         other = not now or was.scoring not in (None, SCORING)
         released = {**was.released, "9.9.9": now} if now else was.released
         assert one == replace(was, released=released, earlier=was.earlier if other else {})
-    assert edition_of(RELEASED[0] * 16) == SCENES[RELEASED[0]]
+    assert edition_of(RELEASED[0] * 16, "", DataSet.in_use()) == SCENES[RELEASED[0]]
     monkeypatch.undo()
     editions.cache_clear()
 
 
 def test_the_doctor_names_the_edition_and_what_was_changed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(edition, "contract_now", found)
+    monkeypatch.setattr(edition, "contract_now", lambda _, split: found(split))
     # Those of all rows are looked at in tests/dataset/certify/test_certificates_hold.py.
-    monkeypatch.setattr(table, "splits_there", lambda root=None: FEW)
+    monkeypatch.setattr(DataSet, "splits", FEW)
     *splits, certificates = check_edition()
     assert [finding.status for finding in splits] == [Status.OK] * len(FEW)
     for split, finding in zip(FEW, splits, strict=True):
         assert finding.text.startswith(f"{SCENES[split]}, contract of the {split} split ")
-    rows = sum(len(read_table(table_path(split))) for split in FEW)
+    rows = sum(len(DataSet.in_use().table(split)) for split in FEW)
     assert certificates.text.startswith(f"{rows} rows, each with a certificate of what it is")
-    judged = {certificate.scoring for certificate in read_certificates(certificates_path())}
+    judged = {certificate.scoring for certificate in certificates_of(DataSet.in_use())}
     assert (certificates.status is Status.OK) == (judged == {SCORING})
-    monkeypatch.setattr(edition, "contract_now", lambda split: "f" * 64)
+    monkeypatch.setattr(edition, "contract_now", lambda _, split: "f" * 64)
     changed = islice(check_edition(), len(FEW))
-    assert [(f.status, f"{in_force().name}+local" in f.text) for f in changed] == [(Status.NOTE, True)] * len(
-        FEW
-    )
+    assert [(f.status, f"{in_force(DataSet.in_use()).name}+local" in f.text) for f in changed] == [
+        (Status.NOTE, True)
+    ] * len(FEW)
 
 
 def test_the_doctor_names_the_contract_of_the_tables(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(edition, "contract_now", found)
-    monkeypatch.setattr(table, "splits_there", lambda root=None: ("test",))
+    monkeypatch.setattr(edition, "contract_now", lambda _, split: found(split))
+    monkeypatch.setattr(DataSet, "splits", ("test",))
     readme = Path(__file__).parents[2] / "README.md"
     contracts = re.findall(r"^Contract `(\w+)`", readme.read_text(encoding="utf-8"), re.M)
     assert contracts
@@ -151,8 +153,8 @@ def test_the_doctor_names_the_contract_of_the_tables(monkeypatch: pytest.MonkeyP
 
 
 def test_the_doctor_says_which_scenes_are_of_an_earlier_edition(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(edition, "earlier_splits", lambda: {"train": "2026.2"})
-    monkeypatch.setattr(edition, "contract_now", found)
+    monkeypatch.setattr(edition, "earlier_splits", lambda _: {"train": "2026.2"})
+    monkeypatch.setattr(edition, "contract_now", lambda _, split: found(split))
     told = islice(check_edition(), len(RELEASED))
     notes = [finding.text for finding in told if finding.status is Status.NOTE]
     assert notes == ["the scenes of the train split are of 2026.2"]

@@ -13,7 +13,8 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import data_root
 from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.plan import Request, RunPlan, choose_variants, make_plan
-from tsbench.scenarios.table import read_table, table_path, write_table
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.table import write_table
 from tsbench.signs.catalog import load_catalog
 
 
@@ -21,7 +22,7 @@ from tsbench.signs.catalog import load_catalog
 def plan_of(data: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("TSBENCH_DATA", str(data))
     data_root.cache_clear()
-    yield lambda **options: make_plan(Request(("idm",), "test", **options))
+    yield lambda **options: make_plan(Request(("idm",), "test", **options), DataSet.in_use())
     data_root.cache_clear()
 
 
@@ -76,10 +77,10 @@ def test_one_of_each_type_is_one_of_those_of_its_maps(plan_of) -> None:
 
 
 def test_a_quick_look_at_dev_has_both_halves_of_a_pair_of_each_type() -> None:
-    rows = make_plan(Request(("idm",), "dev", variants="one-per-type")).scenarios
+    rows = make_plan(Request(("idm",), "dev", variants="one-per-type"), DataSet.in_use()).scenarios
     pairs = {row.pair_type: row.pair_name for row in rows}
     assert len(pairs) == len({row.pair_name for row in rows}) == len(load_catalog().types)
-    dev = [row for row in read_table(table_path("dev")) if row.pair_name in pairs.values()]
+    dev = [row for row in DataSet.in_use().table("dev") if row.pair_name in pairs.values()]
     assert sorted(row.scenario_id for row in dev) == [row.scenario_id for row in rows]
 
 

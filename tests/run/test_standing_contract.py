@@ -12,7 +12,7 @@ import tsbench
 from tsbench.run import edition
 from tsbench.run.contract import mirrored_contract
 from tsbench.run.edition import Edition, edition_of, editions, release, standing_contract
-from tsbench.scenarios.table import splits_there
+from tsbench.scenarios.data_set import DataSet
 
 VERSION = tsbench.__version__
 FIRST, SECOND, THIRD = ({"test": c * 64, "dev": c.upper() * 64} for c in "abc")
@@ -42,9 +42,9 @@ def entered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     entry = {"name": "2031.1", "title": "x", "released": {VERSION: THIRD}, "earlier": EARLIER}
     path.write_text(yaml.safe_dump([entry]))
     monkeypatch.setattr(edition, "PATH", path)
-    monkeypatch.setattr(edition, "splits_there", lambda: ("test", "dev"))
-    monkeypatch.setattr(edition, "earlier_splits", lambda: {})
-    monkeypatch.setattr(edition, "scene_editions", lambda: {})
+    monkeypatch.setattr(DataSet, "splits", ("test", "dev"))
+    monkeypatch.setattr(edition, "earlier_splits", lambda _: {})
+    monkeypatch.setattr(DataSet, "editions", lambda _: {})
     editions.cache_clear()
     yield
     monkeypatch.undo()
@@ -54,7 +54,7 @@ def entered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 @pytest.mark.usefixtures("entered")
 def test_contracts_of_a_mirror_stand_likewise() -> None:
     for contract in (*EARLIER["test"], THIRD["test"]):
-        assert edition_of(contract) == "2031.1"
+        assert edition_of(contract, "", DataSet.in_use()) == "2031.1"
         assert standing_contract(contract) == FIRST["test"]
         assert standing_contract(mirrored_contract(contract)) == mirrored_contract(FIRST["test"])
     assert standing_contract("e" * 64) == "e" * 64
@@ -64,15 +64,15 @@ def test_contracts_of_a_mirror_stand_likewise() -> None:
 def test_another_contract_leaves_its_splits_earlier_ones_behind(monkeypatch: pytest.MonkeyPatch) -> None:
     """As where the scenes of one split are built anew."""
     now = {"test": THIRD["test"], "dev": "d" * 64}
-    monkeypatch.setattr(edition, "contract_now", now.__getitem__)
+    monkeypatch.setattr(edition, "contract_now", lambda _, split: now[split])
     assert release() == now
     editions.cache_clear()
     assert editions()[-1].earlier == {"test": EARLIER["test"]}
     assert standing_contract(SECOND["test"]) == FIRST["test"]
-    assert edition_of(FIRST["dev"]) == "2031.1+local"
+    assert edition_of(FIRST["dev"], "", DataSet.in_use()) == "2031.1+local"
 
 
 def test_earlier_contracts_that_come_with_tsbench_are_of_its_splits() -> None:
     known = [contract for made in editions() for some in made.earlier.values() for contract in some]
     assert len(known) == len(set(known)) > 10
-    assert {split for made in editions() for split in made.earlier} <= set(splits_there())
+    assert {split for made in editions() for split in made.earlier} <= set(DataSet.in_use().splits)

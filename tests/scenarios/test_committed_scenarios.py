@@ -24,18 +24,19 @@ from tsbench.dataset.scenes.verify import verify_rows, verify_split
 from tsbench.learn.code_counts import plates_of
 from tsbench.run.edition import editions
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
-from tsbench.scenarios.map_pool import PoolRow, pool_file, read_pool
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.map_pool import PoolRow, read_pool
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path
-from tsbench.scenarios.table import read_table, scene_editions, splits_there, table_path
+from tsbench.scenarios.table import read_table
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import Motion
 
 CATALOG = load_catalog()
 TYPES = tuple(t.id for t in CATALOG.types)
 SCENARIOS = Path(__file__).resolve().parents[2] / "scenarios"
-EDITIONS = scene_editions(SCENARIOS)
+EDITIONS = DataSet().editions()
 # Pairs whose plates differ, by type; of train, the first variant of each map.
 ROOM_WANTING = {
     "dev": {},
@@ -54,12 +55,12 @@ MOST_SHORT = {"test": 0, "dev": 8, "train": 0}
 
 @cache
 def table(split: str) -> list[ScenarioSpec]:
-    return read_table(table_path(split, SCENARIOS))
+    return read_table(SCENARIOS / f"{split}.parquet")
 
 
 @pytest.fixture(scope="module")
 def rows() -> list[ScenarioSpec]:
-    return [r for split in splits_there(SCENARIOS) for r in table(split)]
+    return [r for split in DataSet().splits for r in table(split)]
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +70,7 @@ def proofs() -> dict[str, Certificate]:
 
 @pytest.fixture(scope="module")
 def pool() -> dict[str, PoolRow]:
-    return {r.map_id: r for r in read_pool(pool_file())}
+    return {r.map_id: r for r in read_pool(DataSet.in_use().pool_path)}
 
 
 @cache
@@ -81,7 +82,7 @@ def signed(split: str, type_id: str = "") -> list[ScenarioSpec]:
 
 
 def test_each_split_says_of_which_edition_it_is() -> None:
-    assert sorted(EDITIONS) == sorted(splits_there(SCENARIOS))
+    assert sorted(EDITIONS) == sorted(DataSet().splits)
     assert set(EDITIONS.values()) <= {edition.name for edition in editions()}
     for split in EDITIONS:
         assert {r.split for r in table(split)} == {split}
@@ -123,14 +124,13 @@ def test_every_row_of_a_paired_type_has_its_other_half(
             assert r.pair_id == (r.scenario_id if r.pair_type in paired else ""), r
         halves = Counter(r.half for r in rows if r.split == split)
         assert halves[CONTRAST] == sum(r.pair_type in paired for r in signed(split))
-    monkeypatch.setattr(verify, "read_certificates", lambda _: [*proofs.values()])
-    assert verify.verify_pairs(rows, SCENARIOS) == []
+    assert verify.verify_pairs(rows, proofs.values()) == []
 
 
 @pytest.mark.slow
 def test_both_halves_have_the_same_plates(rows: list[ScenarioSpec]) -> None:
     """But where a map has no room for another post (docs/without_reading.md)."""
-    loader = SceneLoader()
+    loader = SceneLoader(DataSet.in_use())
     for split, wanted in ROOM_WANTING.items():
         found = defaultdict[str, list[list[tuple[str, float]]]](list)
         ours = [r for r in rows if r.split == split and (split != "train" or r.variant == 0)]
@@ -179,7 +179,7 @@ def test_every_row_is_what_its_name_makes_it(
 
 
 def test_no_place_is_in_two_splits(rows: list[ScenarioSpec]) -> None:
-    assert verify_split(rows) == []
+    assert verify_split(rows, DataSet().pool_path) == []
 
 
 def test_the_split_is_that_of_the_pool(rows: list[ScenarioSpec], pool: dict[str, PoolRow]) -> None:
@@ -236,9 +236,12 @@ def test_realised_density(rows: list[ScenarioSpec], proofs: dict[str, Certificat
 def test_every_file_is_there_and_no_other(rows: list[ScenarioSpec]) -> None:
     named: dict[Path, dict[str, str]] = defaultdict(dict)
     for r in rows:
-        named[store_path(r.split, r.pair_type)] |= {r.net: r.net_sha256, r.additional: r.additional_sha256}
+        named[store_path(r.split, r.pair_type, DataSet())] |= {
+            r.net: r.net_sha256,
+            r.additional: r.additional_sha256,
+        }
     there = {p for p in (SCENARIOS / "scenes").rglob("*") if p.is_file()}
-    store = SceneStore()
+    store = SceneStore(DataSet.in_use())
     # Of a type for which a split has no map, the store is empty.
     assert {p for p in there if store.names(p.parent.name, p.stem)} == set(named)
     for path, files in named.items():
@@ -254,13 +257,13 @@ def sample(rows: list[ScenarioSpec]) -> list[ScenarioSpec]:
 
 
 def test_a_sample_has_the_right_hashes_and_is_sound(rows: list[ScenarioSpec]) -> None:
-    assert verify_rows(sample(rows), SceneLoader(), lambda _: None) == []
+    assert verify_rows(sample(rows), SceneLoader(DataSet.in_use()), lambda _: None) == []
 
 
 @pytest.mark.parametrize("type_id", TYPES)
 def test_a_busy_scene_runs_in_sumo(rows: list[ScenarioSpec], type_id: str) -> None:
     spec = next(r for r in rows if (r.pair_type, r.split, r.density) == (type_id, "test", 5.5))
-    scene, roads = SceneLoader().load(spec)
+    scene, roads = SceneLoader(DataSet.in_use()).load(spec)
     lane = roads.network.lane(scene.start.lane)
     x, y = lane.line.point_at(scene.start.s)
     motion = Motion(x, y, lane.line.heading_at(scene.start.s), scene.start.speed)

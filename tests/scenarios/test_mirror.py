@@ -13,15 +13,15 @@ from drives_in_mirror import MIRROR, compared, evidence
 from simworld import cross_plain
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import CITY, OWN_CITY, dataset_root, using_city
+from tsbench.core.paths import CITY, OWN_CITY, using_city
 from tsbench.dataset.maps.build import build_net
 from tsbench.dataset.scenes.lint import lint_scene
 from tsbench.geometry.angles import LEFT, RIGHT, SUMO_TURNS
 from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.mirror import mirrored_network, mirrored_row
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import RoundaboutParams
 from tsbench.signs.plates import plate_rgba
@@ -42,7 +42,7 @@ def test_a_drive_in_the_mirror_has_the_verdict_and_evidence_of_the_drive(name: s
 
     Who obeys is driven where plates ask for something, in signed halves.
     """
-    table = read_table(table_path("dev"))
+    table = DataSet.in_use().table("dev")
     first = {row.pair_type: row.pair_name for row in table[::-1]}
     rows = [
         row for row in table if row.pair_name in first.values() and (name == "idm" or row.half != CONTRAST)
@@ -60,13 +60,13 @@ def test_a_drive_in_the_mirror_has_the_verdict_and_evidence_of_the_drive(name: s
 def rows_of_types() -> Iterator[ScenarioSpec]:
     """One row of each type in the mirror."""
     with using_city(MIRROR):
-        yield from {row.scenario_type: row for row in read_table(table_path("dev"))}.values()
+        yield from {row.scenario_type: row for row in DataSet.in_use().table("dev")}.values()
 
 
 def test_traffic_keeps_to_the_left_and_plates_stand_there() -> None:
     for row in rows_of_types():
         with using_city(MIRROR):
-            scene, roads = SceneLoader().load(row)
+            scene, roads = SceneLoader(DataSet.in_use()).load(row)
             assert list(lint_scene(scene, roads.graph)) == [], row.scenario_id
             lane = scene.network.edge_lanes(scene.start.lane.rpartition("_")[0])[0]
             # The kerb is on the left, and so is the lane beside the kerb.
@@ -79,8 +79,8 @@ def test_traffic_keeps_to_the_left_and_plates_stand_there() -> None:
 def test_rings_go_round_clockwise() -> None:
     for city, sign in ((OWN_CITY, 1.0), (MIRROR, -1.0)):
         with using_city(city):
-            row = next(r for r in read_table(table_path("dev")) if r.scenario_type == "roundabout")
-            scene, _ = SceneLoader().load(row)
+            row = next(r for r in DataSet.in_use().table("dev") if r.scenario_type == "roundabout")
+            scene, _ = SceneLoader(DataSet.in_use()).load(row)
             ring = scene.target_sign.params_as(RoundaboutParams).ring
             x, y = np.vstack([scene.network.edge_lanes(edge)[0].line.points for edge in ring]).T
             area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
@@ -89,18 +89,18 @@ def test_rings_go_round_clockwise() -> None:
 
 def test_a_mirror_of_the_mirror_is_the_row() -> None:
     catalog = load_catalog()
-    for row in read_table(table_path("dev")):
+    for row in DataSet.in_use().table("dev"):
         image = mirrored_row(row, catalog)
         assert mirrored_row(image, catalog) == row
         assert (image.net_sha256, image.additional_sha256) == (row.net_sha256, row.additional_sha256)
     with using_city(MIRROR):
-        names = [row.scenario_id for row in read_table(table_path("dev"))]
+        names = [row.scenario_id for row in DataSet.in_use().table("dev")]
     assert len(set(names)) == len(names)
 
 
 def test_plates_mean_in_the_mirror_what_their_images_mean() -> None:
     with using_city(MIRROR):
-        left = load_catalog()
+        left = DataSet.in_use().catalog
         ring = plate_rgba("4.3", None, 100)
     assert set(left.sign("3.18.1").rule.options["allowed"]) == {"straight", "left", "u_turn"}
     # Who may turn across the road may turn round: left where traffic keeps to the right.
@@ -156,5 +156,5 @@ def test_no_digit_of_a_place_is_lost(unsigned: tuple[SceneFile, RoadNetwork]) ->
 
 def test_nothing_is_built_in_a_mirror() -> None:
     with using_city(MIRROR), pytest.raises(InputError, match="is made of moscow as it is read"):
-        dataset_root()
+        _ = DataSet.in_use().folder
     assert CITY not in os.environ

@@ -7,7 +7,7 @@ from drives_in_mirror import compared
 
 from tsbench.core.paths import CITY
 from tsbench.run.plan import choose_variants
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog
 
 
@@ -16,7 +16,7 @@ from tsbench.signs.catalog import load_catalog
 @pytest.mark.parametrize("type_id", [kind.id for kind in load_catalog().types])
 def test_a_drive_in_the_mirror_is_the_drive(type_id: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(CITY, raising=False)
-    rows = choose_variants(read_table(table_path("test")), "one-per-map")
+    rows = choose_variants(DataSet.in_use().table("test"), "one-per-map")
     of = [row for row in rows if row.pair_type == type_id]
     assert len({row.map_id for row in of}) == 20
     for row in of:

@@ -15,6 +15,7 @@ from tsbench.core.xmlfile import read_plain, sha256
 from tsbench.dataset.scenes.verify import verify_rows
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder
@@ -34,17 +35,19 @@ def made(on_block: SceneMaker, tmp_path: Path) -> tuple[Path, ScenarioSpec]:
 
 def refuse(root: Path, spec: ScenarioSpec) -> str:
     with pytest.raises(InputError) as told:
-        SceneLoader(SceneFolder(root)).load(spec)
+        SceneLoader(DataSet.in_use(), SceneFolder(root)).load(spec)
     text = str(told.value)
     assert "\n" not in text
     # What `scenarios verify` and a run say is the same line.
-    assert verify_rows([spec], SceneLoader(SceneFolder(root)), lambda _: None) == [(spec.scenario_id, text)]
+    assert verify_rows([spec], SceneLoader(DataSet.in_use(), SceneFolder(root)), lambda _: None) == [
+        (spec.scenario_id, text)
+    ]
     return text
 
 
 def test_a_scene_is_loaded_with_its_roads(made: tuple[Path, ScenarioSpec]) -> None:
     root, spec = made
-    scene, roads = SceneLoader(SceneFolder(root)).load(spec)
+    scene, roads = SceneLoader(DataSet.in_use(), SceneFolder(root)).load(spec)
     assert scene.network is roads.network is roads.graph.network is roads.locator.network
     assert scene.start == EgoStart("ta_0", 60.0, 8.0)
     assert (scene.seed, scene.horizon) == (spec.seed, spec.horizon)
@@ -52,7 +55,7 @@ def test_a_scene_is_loaded_with_its_roads(made: tuple[Path, ScenarioSpec]) -> No
 
 def test_more_maps_than_are_kept(made: tuple[Path, ScenarioSpec]) -> None:
     root, spec = made
-    loader = SceneLoader(SceneFolder(root))
+    loader = SceneLoader(DataSet.in_use(), SceneFolder(root))
     first = loader.load(spec)[1]
     for k in range(6):
         shutil.copy(root / spec.net, root / f"copy{k}.net.xml.gz")
@@ -66,7 +69,7 @@ def test_a_hash_is_of_the_content_not_of_its_packing(made: tuple[Path, ScenarioS
     root, spec = made
     path = root / spec.additional
     path.write_bytes(gzip.compress(gzip.decompress(path.read_bytes()), compresslevel=1))
-    SceneLoader(SceneFolder(root)).load(spec)
+    SceneLoader(DataSet.in_use(), SceneFolder(root)).load(spec)
     bare = root / "bare.add.xml"
     bare.write_bytes(gzip.decompress(path.read_bytes()))
     assert sha256(read_plain(bare, "scene file")) == spec.additional_sha256
@@ -118,7 +121,7 @@ def test_a_row_of_an_unknown_type(made: tuple[Path, ScenarioSpec]) -> None:
     root, spec = made
     odd = replace(spec, scenario_type="fly")
     counted: list[int] = []
-    assert verify_rows([odd, spec], SceneLoader(SceneFolder(root)), counted.append) == [
+    assert verify_rows([odd, spec], SceneLoader(DataSet.in_use(), SceneFolder(root)), counted.append) == [
         ("one", "unknown scenario type 'fly'")
     ]
     assert counted == [1, 2]

@@ -17,6 +17,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.xmlfile import sha256
 from tsbench.roads.lane_graph import Destination
 from tsbench.scenarios import store as store_module
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import MOST_BYTES, SCHEMA, SceneStore, store_path, write_store
@@ -49,7 +50,7 @@ def rewrite(root: Path, spec: ScenarioSpec, change: dict[str, list[Any]], **opti
 
 def refuse(root: Path, spec: ScenarioSpec) -> str:
     with pytest.raises(InputError) as told:
-        SceneLoader(SceneStore(root)).load(spec)
+        SceneLoader(DataSet.in_use(), SceneStore(root)).load(spec)
     assert "\n" not in str(told.value)
     return str(told.value)
 
@@ -94,7 +95,7 @@ def test_a_row_group_for_each_map_and_where_it_comes_from(tmp_path: Path) -> Non
 def test_a_scene_is_loaded_from_its_store(
     made: ScenarioSpec, on_block: SceneMaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    loader = SceneLoader(SceneStore(tmp_path))
+    loader = SceneLoader(DataSet.in_use(), SceneStore(tmp_path))
     scene, roads = loader.load(made)
     assert scene.start == EgoStart("ta_0", 60.0, 8.0)
     assert str(scene.additional) == str(store_path("test", "yield", tmp_path) / made.additional)

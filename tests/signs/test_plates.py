@@ -136,7 +136,7 @@ def test_a_damaged_drawing_gives_one_line(
     said: str,
 ) -> None:
     root = edited(name, old, new)
-    monkeypatch.setattr(plates, "load_catalog", lambda: load_catalog(root))
+    monkeypatch.setattr(plates, "load_catalog", lambda **_: load_catalog(root))
     code = Path(name).stem
     with pytest.raises(InputError, match=said) as caught:
         plate_svg(code, posted(code))

@@ -13,8 +13,8 @@ from tsbench.planners.experts.expert import CONSTRAINTS
 from tsbench.planners.experts.rules.constraint import RuleConstraint
 from tsbench.report.drawing.scene_shapes import rule_zone
 from tsbench.rules.monitors import MONITORS
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.rule_kinds import RULE_KINDS, RuleKind, load_rule_classes
 
@@ -32,8 +32,8 @@ def test_every_kind_is_there_as_a_whole(name: str) -> None:
 
 
 def test_every_kind_has_a_zone_to_draw() -> None:
-    loader, drawn = SceneLoader(), set()
-    for row in read_table(table_path("test")):
+    loader, drawn = SceneLoader(DataSet.in_use()), set()
+    for row in DataSet.in_use().table("test"):
         name = load_catalog().sign(row.sign_code).rule.name
         if name not in drawn:
             scene, _ = loader.load(row)

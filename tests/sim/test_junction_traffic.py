@@ -11,6 +11,7 @@ from simworld import SceneMaker, motion_at, plate
 
 from tsbench.dataset.scenes.traffic import Car
 from tsbench.roads.lane_graph import Destination
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder
@@ -41,7 +42,7 @@ def scene(made: SceneMaker, name: str, code: str = "2.4", cars: tuple[Car, ...] 
         convoy=plan,
         convoy_at=CONVOY,
     )
-    return SceneLoader(SceneFolder(made.root)).load(spec)[0]
+    return SceneLoader(DataSet.in_use(), SceneFolder(made.root)).load(spec)[0]
 
 
 class Stage:

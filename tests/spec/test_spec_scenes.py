@@ -13,8 +13,8 @@ from tsbench.dataset.city import load_city
 from tsbench.dataset.scenes import split, variants
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.scenarios.certificates import DENSITY_TOLERANCE
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import SIGNED
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.nuplan import quantile
 
@@ -57,7 +57,7 @@ def test_split_and_certificate() -> None:
 
 @pytest.mark.parametrize("part", ["train", "test"])
 def test_the_rows_that_there_are(part: str) -> None:
-    rows = [row for row in read_table(table_path(part)) if row.half == SIGNED]
+    rows = [row for row in DataSet.in_use().table(part) if row.half == SIGNED]
     assert {"train": 23_200, "test": 5_800}[part] == benchmark.ROWS[part]
     maps = {row.map_id: row for row in rows if row.pair_type == "yield"}
     assert len(maps) == benchmark.MAPS[part]
@@ -69,7 +69,7 @@ def test_the_rows_that_there_are(part: str) -> None:
 
 @pytest.mark.parametrize("part", ["train", "test"])
 def test_limits_are_shared_out_as_the_page_says(part: str) -> None:
-    rows = read_table(table_path(part))
+    rows = DataSet.in_use().table(part)
     limits = Counter((r.pair_type, r.sign_value) for r in rows if not r.variant and r.half == SIGNED)
     for columns in (("20", "30", "40"), ("40", "50", "60")):
         page = [row for row in table("scenes.md", "type", *columns) if row["split"] == part]

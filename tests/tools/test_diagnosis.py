@@ -13,7 +13,7 @@ from tsbench.core import paths
 from tsbench.core.errors import InputError
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path, write_store
-from tsbench.scenarios.table import read_table, table_path, write_table
+from tsbench.scenarios.table import read_table, write_table
 from tsbench.tools import diagnosis
 from tsbench.tools.diagnosis import REPAIR, Diagnosis, Status, alone, check_packages, judge_packages, locked
 
@@ -68,8 +68,8 @@ def copy(tmp_path: Path) -> Iterator[Path]:
     (root / "scenarios").mkdir(parents=True)
     for name in ("sign_catalog", "sumo_nets"):
         (root / name).symlink_to(ROOT / name)
-    rows = read_table(table_path("test", ROOT / "scenarios"))[:3]
-    write_table(rows, table_path("test", root / "scenarios"))
+    rows = read_table(ROOT / "scenarios" / "test.parquet")[:3]
+    write_table(rows, root / "scenarios" / "test.parquet")
     _store(rows, root / "scenarios")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TSBENCH_DATA", str(root))
@@ -88,7 +88,7 @@ def test_data_that_is_whole_and_a_split_that_is_not_there(copy: Path) -> None:
 
 
 def test_scene_files_that_are_missing_or_changed(copy: Path) -> None:
-    rows = read_table(table_path("test", copy))
+    rows = read_table(copy / "test.parquet")
     first, second, _ = rows
     path = store_path("test", first.scenario_type, copy)
     _store(rows, copy, {first.additional: second.additional, second.additional: first.additional})
@@ -103,16 +103,16 @@ def test_scene_files_that_are_missing_or_changed(copy: Path) -> None:
 
 @pytest.mark.parametrize(("split", "status"), [("test", Status.FAILED), ("train", Status.NOTE)])
 def test_scenes_that_were_not_fetched(copy: Path, split: str, status: Status) -> None:
-    rows = [replace(row, split=split) for row in read_table(table_path("test", copy))]
+    rows = [replace(row, split=split) for row in read_table(copy / "test.parquet")]
     shutil.rmtree(copy / "scenes")
-    table_path("test", copy).unlink()
-    write_table(rows, table_path(split, copy))
+    (copy / "test.parquet").unlink()
+    write_table(rows, copy / f"{split}.parquet")
     (found,) = (finding for finding in diagnosis.check_data() if "no scene files here" in finding.text)
     assert (found.status, found.remedy) == (status, f"tsbench data fetch --from DIR|URL {split}")
 
 
 def test_a_table_that_cannot_be_read_is_one_finding(copy: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    table_path("test", copy).write_bytes(b"PAR1")
+    (copy / "test.parquet").write_bytes(b"PAR1")
     monkeypatch.setattr(diagnosis, "CHECKS", {"data": diagnosis.check_data})
     (text,) = failed(diagnosis.examine())
     assert "test.parquet: not a readable Parquet table" in text

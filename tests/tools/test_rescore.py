@@ -15,6 +15,7 @@ from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.run.log.read import read_run
 from tsbench.run.log.rescored import NAME, read_rescored, write_rescored
+from tsbench.scenarios.data_set import DataSet
 from tsbench.tools.rescore import Rescore, rescore
 
 RUN = ["run", "--split", "dev", "--types", "speed_limit", "--variants", "0", "--half", "signed", "--limit", "1",
@@ -163,7 +164,7 @@ def test_what_rescore_writes_is_what_a_report_says(copy: Path) -> None:
 
 def test_what_was_judged_has_to_be_what_is_there(copy: Path) -> None:
     run = read_run(copy)
-    write_rescored(copy, "f" * 64, 1, 0, 3)
+    write_rescored(copy, DataSet(), "f" * 64, 1, 0, 3)
     told = read_run(copy).rescored
     assert "under another contract (ffffffffffff): 1 of 1 episodes by their traces, 3 disagreements" in told
     text = (copy / NAME).read_text()

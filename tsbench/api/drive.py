@@ -12,7 +12,7 @@ from typing import Any
 from tsbench.api.evaluate import Given
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
-from tsbench.core.paths import check_driven, driving, expanded_text
+from tsbench.core.paths import expanded_text
 from tsbench.episode.episode import Episode
 from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.perception_level import EXACT, EXACTLY, Perception, load_level
@@ -22,9 +22,9 @@ from tsbench.planners.helpers import sign_ahead
 from tsbench.planners.registry import FunctionPlanner, resolve
 from tsbench.run.arguments import keywords
 from tsbench.run.log.record import Record, make_record
-from tsbench.scenarios.scene_loader import load_scene
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.sim.world import DT_S, ActorKind
 
 _NEAREST = 6
@@ -50,13 +50,20 @@ class Drive:
     one ends the one before.
     """
 
-    def __init__(self, planner: Given | Planner, row: ScenarioSpec, perception: Perception = EXACTLY) -> None:
+    def __init__(
+        self, planner: Given | Planner, row: ScenarioSpec, data: DataSet, perception: Perception = EXACTLY
+    ) -> None:
         """Raises InputError for no planner and for a scene that does not load; else what the constructor raises."""
-        self.row, self._city = row, check_driven()
+        self.row, self._loader = row, SceneLoader(data)
         self.answer: Control | Trajectory | None = None
         self._driver = d = _driver_of(planner)
         self._episode = Episode(
-            row, planner=d.name, privileged=d.privileged, floor=d.floor, perception=perception
+            row,
+            planner=d.name,
+            privileged=d.privileged,
+            floor=d.floor,
+            perception=perception,
+            loader=self._loader,
         )
         if self._episode.result is not None:
             raise InputError(
@@ -137,8 +144,8 @@ class Drive:
             load, ("tsbench.api.shown", "tsbench.report.drawing.paint", "tsbench.report.scene_pictures")
         )
         trace, under_way = Trace.so_far(self._episode), self._episode.result is None
-        with driving(self._city):
-            drawn = render.moment(trace, load_scene(self.row), trace.snapshots[-1].time, under_way=under_way)
+        scene, _ = self._loader.load(self.row)
+        drawn = render.moment(trace, scene, trace.snapshots[-1].time, under_way=under_way)
         return shown.Picture(paint.png_bytes(drawn))
 
     def __repr__(self) -> str:
@@ -163,15 +170,14 @@ def drive(
     its id. split: where that is not enough. Raises InputError: no such planner or scenario, or a scene that does not
     load.
     """
-    with driving(city):
-        level = load_level(expanded_text(str(perception)))
-        return Drive(planner, row_of(scenario, split), Perception(mask_signs, level))
+    data, level = DataSet.driven(city), load_level(expanded_text(str(perception)))
+    return Drive(planner, row_of(data, scenario, split), data, Perception(mask_signs, level))
 
 
-def row_of(scenario: str, split: str | None = None) -> ScenarioSpec:
+def row_of(data: DataSet, scenario: str, split: str | None = None) -> ScenarioSpec:
     """The row of a scenario by its id. Raises InputError where no table, or no table of that split, has it."""
-    for name in splits_there() if split is None else (split,):
-        found = next((row for row in read_table(table_path(name)) if row.scenario_id == scenario), None)
+    for name in data.splits if split is None else (split,):
+        found = next((row for row in data.table(name) if row.scenario_id == scenario), None)
         if found is not None:
             return found
     raise InputError(f"--scenario {scenario}: no scenario of {split or 'any split that is here'}")

@@ -12,7 +12,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from tsbench.api.loaded_run import Run
 from tsbench.core.errors import InputError
-from tsbench.core.paths import driving, expanded_text
+from tsbench.core.paths import expanded_text
 from tsbench.core.streams import progress_console
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.arguments import keywords, number_of, path_of, switch, text, type_words, whole_number
@@ -22,6 +22,7 @@ from tsbench.run.plan import BOTH, Request
 from tsbench.run.run_options import LEAST_MEMORY_MB, Options
 from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import run
+from tsbench.scenarios.data_set import DataSet
 
 # A name, pkg.module:Class, file.py:Class; a class; or a function observation -> Control.
 Given = str | type[Any] | Callable[..., Any]
@@ -109,8 +110,8 @@ def evaluate(
         overwrite=switch("overwrite", overwrite), allow_partial=switch("allow_partial", allow_partial),
         limits=Limits(most_memory=number_of("memory_limit", memory_limit, LEAST_MEMORY_MB)),
     )  # fmt: skip
-    with driving(None if city is None else text("city", city)) as driven:
-        return Run(run(replace(options, city=driven), ProgressWatcher(progress_console()), told).folder)
+    data = DataSet.driven(None if city is None else text("city", city))
+    return Run(run(replace(options, city=data.name), ProgressWatcher(progress_console()), told).folder)
 
 
 def spec_of(planner: Given) -> str:

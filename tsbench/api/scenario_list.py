@@ -8,14 +8,13 @@ from functools import cached_property
 
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
-from tsbench.core.paths import dataset_file, driving
 from tsbench.roads.road_map import RoadMap
 from tsbench.run.arguments import keywords, text, type_words
 from tsbench.run.plan import choose_types
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.store import SceneStore
-from tsbench.scenarios.table import SPLITS, read_table, table_path
+from tsbench.scenarios.table import SPLITS
 from tsbench.sim.scene import Scene
 
 
@@ -62,9 +61,6 @@ def load_scenarios(
     """
     if split not in SPLITS:
         raise InputError(f"split {split!r}: expected {', '.join(SPLITS)}")
-    wanted = choose_types(type_words("types", types))
-    with driving(None if city is None else text("city", city)):
-        loader = SceneLoader(SceneStore(dataset_file("scenarios")))
-        return tuple(
-            Scenario(row, loader) for row in read_table(table_path(split)) if row.pair_type in wanted
-        )
+    data = DataSet.driven(None if city is None else text("city", city))
+    wanted, loader = choose_types(data.catalog, type_words("types", types)), SceneLoader(data)
+    return tuple(Scenario(row, loader) for row in data.table(split) if row.pair_type in wanted)

@@ -19,8 +19,8 @@ from tsbench.dataset.maps.names import ending_of
 from tsbench.dataset.maps.paths import sources_dir
 from tsbench.dataset.scenes.recipe import load_recipes
 from tsbench.run.edition import edition_now
-from tsbench.scenarios.map_pool import pool_file, read_pool
-from tsbench.scenarios.table import read_table, splits_there, table_path
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.map_pool import read_pool
 from tsbench.signs.countries import Country, country_code, country_in_use
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def list_() -> None:
     for name in city_names():
         options.use_city(name)
         found = chosen_city()
-        built = [f"{split} {len(read_table(table_path(split))):,}" for split in splits_there()]
+        built = [f"{split} {len(DataSet.in_use().table(split)):,}" for split in DataSet.in_use().splits]
         dates = ", ".join(sorted({extract.date for extract in found.extracts}))
         rows.append(
             (
@@ -78,10 +78,10 @@ def show(png: Path | None, streets: bool, rose: Path | None, osm_dir: Path | Non
         click.echo(f"{extract.sha256} {extract.name}, {extract.date}, {extract.licence}: {extract.address}")
     if streets or rose is not None:
         _show_streets(found, osm_dir, rose)
-    if not pool_file().is_file():
+    if not DataSet.in_use().pool_path.is_file():
         click.echo(f"nothing is built yet: tsbench city build {found.name} --osm DIR")
         return
-    pool = read_pool(pool_file())
+    pool = read_pool(DataSet.in_use().pool_path)
     _show_types(found, pool)
     if png is not None:
         draw_pool(pool, png)
@@ -205,13 +205,15 @@ def build(types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Build a city's data set: pool, pairs of every type in dev and test, certificates. Resumable."""
     from tsbench.dataset.scenes.city_build import build_city
 
-    chosen, found = options.types_of(types), chosen_city()
+    chosen, found = options.types_of(DataSet.in_use(), types), chosen_city()
     with bars() as show:
         build_city(chosen, osm_dir or sources_dir(), workers, show, lambda note: print_notes([note]))
-    _show_types(found, read_pool(pool_file()), chosen)
-    there = [split for split in splits_there() if read_table(table_path(split))]
+    _show_types(found, read_pool(DataSet.in_use().pool_path), chosen)
+    there = [split for split in DataSet.in_use().splits if DataSet.in_use().table(split)]
     split = "test" if "test" in there else there[0]
-    click.echo(f"{edition_now()}: tsbench run --city {found.name} --split {split} --planner idm")
+    click.echo(
+        f"{edition_now(DataSet.in_use())}: tsbench run --city {found.name} --split {split} --planner idm"
+    )
 
 
 @city.command("ground")
@@ -231,7 +233,7 @@ def _show_types(city: City, pool: list[PoolRow], types: tuple[str, ...] = ()) ->
     from tsbench.dataset.scenes.city_build import carried
     from tsbench.dataset.scenes.overview import build_report, report_file
 
-    recipes = load_recipes(types)
+    recipes = load_recipes(DataSet.in_use().catalog, types)
     found = carried(city, pool, recipes, build_report() if report_file().is_file() else [])
     rows = [(c.type_id, c.split, f"{c.there:,}", f"{c.maps} of {c.wanted}", c.why) for c in found]
     print_table(

@@ -6,7 +6,7 @@ import click
 
 from tsbench.cli import options
 from tsbench.cli.console import print_table
-from tsbench.core.fetch import DataFile, DataSet, data_set, data_sets, fetch_set
+from tsbench.core.fetch import DataFile, DataPart, data_set, data_sets, fetch_set
 from tsbench.core.paths import data_file, fetch_root
 
 
@@ -51,7 +51,7 @@ def fetch(source: str, names: tuple[str, ...]) -> None:
     def tell(file: DataFile) -> None:
         click.echo(f"{file.name}  {file.size / 1e6:.1f} MB")
 
-    wanted: list[DataSet] = [data_set(name) for name in names] or list(data_sets().values())
+    wanted: list[DataPart] = [data_set(name) for name in names] or list(data_sets().values())
     for found in wanted:
         came = fetch_set(found, source, tell)
         click.echo(f"{found.name}: {came} of {len(found.files)} files fetched, all there")

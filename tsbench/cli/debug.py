@@ -15,11 +15,11 @@ from tsbench.api.drive import Drive, row_of
 from tsbench.cli import EXIT_FAILED, options
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
-from tsbench.core.paths import check_driven
 from tsbench.episode.perception_level import EXACTLY, Perception, load_level
 from tsbench.run.isolation.image import image_of
 from tsbench.run.log.manifest import planners_of
 from tsbench.run.log.read import read_run
+from tsbench.scenarios.data_set import DataSet
 
 
 @click.command()
@@ -64,11 +64,11 @@ def debug(
         perceived = stored.perception
     elif planner is None or scenario is None:
         raise InputError("name what to drive: RUN EPISODE, or --planner and --scenario")
-    check_driven()
-    row = row_of(scenario, split)
+    data = DataSet.driven(None)
+    row = row_of(data, scenario, split)
     try:
         # What a run drove in an image is driven here as it stands in its file.
-        _follow(Drive(image_of(planner)[1], row, perceived), at, png, debugger)
+        _follow(Drive(image_of(planner)[1], row, data, perceived), at, png, debugger)
     except BdbQuit:
         return
     except InputError:

@@ -11,7 +11,8 @@ from tsbench.cli import options
 from tsbench.cli.console import bars, print_notes, print_table
 from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps import overpass, paths
-from tsbench.scenarios.map_pool import pool_file, read_pool
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.map_pool import read_pool
 
 if TYPE_CHECKING:
     from tsbench.dataset.maps.stats import CountTable
@@ -81,7 +82,7 @@ def stats(pool_path: Path | None, png: Path | None) -> None:
     """Count the pool by family, shape, lanes, curvature, length and source."""
     from tsbench.dataset.maps.stats import count_tables, draw_pool
 
-    pool = read_pool(pool_path or pool_file())
+    pool = read_pool(pool_path or DataSet.in_use().pool_path)
     _print_counts(count_tables(pool))
     if png is not None:
         draw_pool(pool, png)

@@ -15,7 +15,8 @@ from tsbench.episode.perception_level import EXACT
 from tsbench.planners.common.batching import DEVICES
 from tsbench.planners.registry import names as registered
 from tsbench.run.plan import choose_types, types_and_groups
-from tsbench.scenarios.table import SPLITS, read_table, splits_there, table_path
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.table import SPLITS
 from tsbench.signs.countries import Country, load_country
 
 if TYPE_CHECKING:
@@ -113,7 +114,7 @@ def of_their_city(_context: click.Context, _parameter: click.Parameter, runs: An
 
 
 def words(name: str, help: str) -> Option:
-    shown = _completed(types_and_groups)
+    shown = _completed(lambda: types_and_groups(DataSet.in_use().catalog))
     return click.option(
         name, multiple=True, metavar="TYPE,GROUP,…", callback=_words, help=help, shell_complete=shown
     )
@@ -249,17 +250,17 @@ box = several(_bbox(True), _date, _server)
 box_or_file = several(_bbox(False), _date, _server)
 
 
-def types_of(words: tuple[str, ...]) -> tuple[str, ...]:
+def types_of(data: DataSet, words: tuple[str, ...]) -> tuple[str, ...]:
     """The types that some types and groups are, sorted; none where none is named. Raises InputError."""
-    return tuple(sorted(choose_types(words))) if words else ()
+    return tuple(sorted(choose_types(data.catalog, words))) if words else ()
 
 
-def rows_of(split: str | None, words: tuple[str, ...] = ()) -> list[ScenarioSpec]:
+def rows_of(data: DataSet, split: str | None, words: tuple[str, ...] = ()) -> list[ScenarioSpec]:
     """The rows of some types and groups, by default of all.
 
     split: it must be there; None: of those splits that are, for only test need be.
     """
-    there = splits_there() if split is None else (split,)
-    chosen = types_of(words)
-    rows = (row for name in there or SPLITS[:1] for row in read_table(table_path(name)))
+    there = data.splits if split is None else (split,)
+    chosen = types_of(data, words)
+    rows = (row for name in there or SPLITS[:1] for row in data.table(name))
     return [row for row in rows if not chosen or row.pair_type in chosen]

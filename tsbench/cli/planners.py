@@ -18,7 +18,7 @@ from tsbench.episode.outcome import Outcome
 from tsbench.planners import registry
 from tsbench.planners.check import Level, check_statically
 from tsbench.run.isolation.image import in_image
-from tsbench.scenarios.table import read_table, splits_there, table_path
+from tsbench.scenarios.data_set import DataSet
 
 if TYPE_CHECKING:
     from tsbench.planners.check import Finding
@@ -81,9 +81,9 @@ def check(planner: str, limit: int, submission: bool, image: str | None) -> int:
 
     loaded = registry.resolve(planner)
     # Somebody's own data set may have no dev split.
-    there = splits_there()
+    there = DataSet.in_use().splits
     split = "dev" if "dev" in there or not there else there[0]
-    chosen = choose(read_table(table_path(split)), limit)
+    chosen = choose(DataSet.in_use().table(split), limit)
     console = Console()
     found = check_statically(loaded)
     if all(f.level is not Level.PROBLEM for f in found):

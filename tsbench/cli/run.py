@@ -13,7 +13,6 @@ from rich.console import Console
 from tsbench.cli import EXIT_FAILED, EXIT_INTERRUPTED, options
 from tsbench.cli.console import print_table, table_console
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
-from tsbench.core.paths import check_driven
 from tsbench.core.streams import progress_console
 from tsbench.report.analyses.analysis import to_markdown
 from tsbench.report.analyses.main_table import run_tables
@@ -30,6 +29,7 @@ from tsbench.run.run_options import LEAST_MEMORY_MB, Options
 from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import RunResult
 from tsbench.run.session import run as run_session
+from tsbench.scenarios.data_set import DataSet
 
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
@@ -120,7 +120,7 @@ def drive(
         Request(planners, split, types, limit, variants, half),
         Limits(most_memory=float(memory_limit)),
     )
-    asked = Options(request=request, city=check_driven(), limits=limits, **others)
+    asked = Options(request=request, city=DataSet.driven(None).name, limits=limits, **others)
     told = [make_listener(name) for name in listeners]
     ended = run_session(asked, ProgressWatcher(progress_console()), told)
     if ended.summary is not None:
@@ -147,7 +147,9 @@ def rescore(folder: Path) -> None:
         f"{folder}: {result.traces} traces judged again, {result.untraced} episodes without a trace, "
         f"disagreements: {len(result.disagreements)}"
     )
-    write_rescored(folder, result.contract, result.traces, result.untraced, len(result.disagreements))
+    write_rescored(
+        folder, DataSet.in_use(), result.contract, result.traces, result.untraced, len(result.disagreements)
+    )
     if result.disagreements:
         sys.exit(EXIT_FAILED)
 
@@ -171,7 +173,7 @@ def _tell(ended: RunResult, console: Console) -> None:
     if ended.summary is not None:
         heads, rows = headline(ended.summary.planners)
         print_table(heads, rows, title=ended.summary.title)
-        lines.append(contract_line(ended.summary.contract_hash))
+        lines.append(contract_line(ended.summary.contract_hash, DataSet.in_use()))
         failed = list(examples(read_run(ended.folder)))
         lines += failed
     lines += [f"{ended.finished} of {ended.asked} episodes finished, {ended.errors} with an error outcome"]

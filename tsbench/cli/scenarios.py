@@ -15,7 +15,6 @@ from tsbench.cli.analyse import out as analysis_out
 from tsbench.cli.console import bars, print_table, show_analysis
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
-from tsbench.core.paths import dataset_root, source_city
 from tsbench.dataset.certify.recertify import draw_sample, recertify
 from tsbench.dataset.maps.paths import sources_dir
 from tsbench.dataset.scenes.axes import type_axes
@@ -24,7 +23,9 @@ from tsbench.dataset.scenes.place_lint import finding_counts, lint_rows
 from tsbench.dataset.scenes.verify import verify_certificates, verify_pairs, verify_rows, verify_split
 from tsbench.report.analyses.analysis import to_csv
 from tsbench.report.wording import scene_facts
-from tsbench.scenarios.certificates import certificates_path, read_certificates
+from tsbench.run.edition import earlier_splits
+from tsbench.scenarios.certificates import certificates_of
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader, load_scene
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
@@ -34,7 +35,7 @@ from tsbench.sim.sumo import Simulation
 
 
 def _find(scenario_id: str) -> ScenarioSpec:
-    for spec in options.rows_of(None):
+    for spec in options.rows_of(DataSet.in_use(), None):
         if spec.scenario_id == scenario_id:
             return spec
     raise InputError(f"no scenario {scenario_id!r} (tsbench scenarios list names them)")
@@ -65,7 +66,7 @@ def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None,
     from tsbench.dataset.scenes.build import BuildRequest, build_scenarios
     from tsbench.dataset.scenes.overview import shown_reason
 
-    chosen, root = options.types_of(types), dataset_root() / "scenarios"
+    chosen, root = options.types_of(DataSet.in_use(), types), DataSet.in_use().folder / "scenarios"
     with bars() as show:
         reports = build_scenarios(
             BuildRequest(chosen, osm_dir or sources_dir(), root, workers, splits=splits or SPLITS), show
@@ -97,13 +98,13 @@ def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None,
 @options.workers
 def certify(types: tuple[str, ...], split: str | None, each: int | None, workers: int) -> None:
     """Drive rows once more in other processes and renew their certificates. Resumable; exit code 1 if any fails."""
-    rows = options.rows_of(split, types)
+    rows = options.rows_of(DataSet.in_use(), split, types)
     if each is not None:
         rows = draw_sample(rows, each)
-    check_files(rows)
+    check_files(rows, DataSet.in_use())
     with bars() as show:
         failures = recertify(
-            rows, dataset_root() / "scenarios", workers, lambda n: show("certify", n, len(rows))
+            rows, DataSet.in_use().folder / "scenarios", workers, lambda n: show("certify", n, len(rows))
         )
     _end(len(rows), failures, "without a valid certificate")
 
@@ -113,7 +114,7 @@ def certify(types: tuple[str, ...], split: str | None, each: int | None, workers
 @options.types
 def list_(split: str | None, types: tuple[str, ...]) -> None:
     """One scenario id per line."""
-    for spec in options.rows_of(split, types):
+    for spec in options.rows_of(DataSet.in_use(), split, types):
         click.echo(spec.scenario_id)
 
 
@@ -125,7 +126,7 @@ def list_(split: str | None, types: tuple[str, ...]) -> None:
 def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
     """A scenario as text, and as a picture."""
     spec = _find(scenario_id)
-    scene = load_scene(spec)
+    scene = load_scene(DataSet.in_use(), spec)
     facts = {**{key: str(value) for key, value in asdict(spec).items()}, **scene_facts(scene, country)}
     print_table(("field", "value"), facts.items(), title=scenario_id, left=2)
     if png is not None:
@@ -142,7 +143,7 @@ def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
 @click.option("--run", "launch", is_flag=True, help="Start sumo-gui too.")
 def open_(scenario_id: str, out: Path | None, launch: bool) -> None:
     """Write a scene's files into a folder, and print the sumo-gui command that opens them."""
-    scene = load_scene(_find(scenario_id))
+    scene = load_scene(DataSet.in_use(), _find(scenario_id))
     folder = out or Path("runs/scenes") / scenario_id
     files = {
         folder / file.path.name.removesuffix(".gz"): file.content for file in (scene.net, scene.additional)
@@ -167,13 +168,15 @@ def open_(scenario_id: str, out: Path | None, launch: bool) -> None:
 @options.split(made=True)
 def verify(split: str | None) -> None:
     """Check hashes, files and scenes of all rows; exit code 1 and one line per problem."""
-    rows = options.rows_of(split)
+    data = DataSet.in_use()
+    rows = options.rows_of(data, split)
     with bars() as show:
-        problems = verify_rows(rows, SceneLoader(), lambda n: show("verify", n, len(rows)))
+        problems = verify_rows(rows, SceneLoader(data), lambda n: show("verify", n, len(rows)))
     # A mirrored data set's proofs are those of the one that it mirrors.
-    options.use_city(source_city())
-    stored = options.rows_of(split)
-    problems += [*verify_split(stored), *verify_pairs(stored, None), *verify_certificates(stored, None)]
+    stored = DataSet(data.city)
+    proofs, tables = certificates_of(stored), options.rows_of(stored, split)
+    problems += [*verify_split(tables, stored.pool_path), *verify_pairs(tables, proofs)]
+    problems += verify_certificates(tables, proofs, earlier_splits(stored))
     _end(len(rows), problems, "problems")
 
 
@@ -183,10 +186,10 @@ def verify(split: str | None) -> None:
 @click.option("--each", type=options.POSITIVE, metavar="N", help="N pairs of each type, drawn; default: all.")
 def lint(types: tuple[str, ...], split: str | None, each: int | None) -> None:
     """Check where plates stand (sign_catalog/places.yaml) and whether vehicles break them; exit code 1 if so."""
-    rows = options.rows_of(split, types)
+    rows = options.rows_of(DataSet.in_use(), split, types)
     rows = rows if each is None else draw_sample(rows, each)
     with bars() as show:
-        found = lint_rows(rows, SceneLoader(), lambda n: show("lint", n, len(rows)))
+        found = lint_rows(rows, SceneLoader(DataSet.in_use()), lambda n: show("lint", n, len(rows)))
     table = [tuple(map(str, line)) for line in finding_counts(found)]
     print_table(("kind", "signs", "plates", "targets", "rows"), table, left=2)
     _end(len(rows), [(f.scenario_id, str(f)) for f in found], "findings")
@@ -206,7 +209,7 @@ def stats(markdown: Path | None) -> None:
     from tsbench.dataset.scenes.tagging import tagging
     from tsbench.report.tables.dataset_tables import axes_table, dataset_page, dataset_tables, tagging_table
 
-    rows = options.rows_of(None)
+    rows = options.rows_of(DataSet.in_use(), None)
     counted, quotas = dataset_tables(type_stats(rows), build_report())
     with bars() as show:
         axes = type_axes(rows, lambda done, of: show("scenes", done, of))
@@ -229,9 +232,11 @@ def browse(types: tuple[str, ...], split: str | None, out: Path, workers: int) -
     """Write one page to look at the data set: types, places, scenes, certificates. At most 20 MB, opens from disk."""
     from tsbench.report.page.dataset_page import write_dataset_page  # brings pictures
 
-    rows = options.rows_of(split, types)
+    rows = options.rows_of(DataSet.in_use(), split, types)
     with bars() as show:
-        size = write_dataset_page(rows, out, workers, lambda done, of: show("maps", done, of))
+        size = write_dataset_page(
+            DataSet.in_use(), rows, out, workers, lambda done, of: show("maps", done, of)
+        )
     click.echo(f"{out}: {len(rows):,} scenarios, {size / 1e6:.1f} MB")
 
 
@@ -243,13 +248,15 @@ def calibration(split: str | None, limit: int, out: Path) -> None:
     """Initial speed, cruise speed and density against nuPlan's: KS distances and a figure of the CDFs."""
     from tsbench.report.analyses.traffic_calibration import calibration as compared
 
-    rows = options.rows_of(split)
+    rows = options.rows_of(DataSet.in_use(), split)
     names = {s.scenario_id for s in rows}
-    proven = [c for c in read_certificates(certificates_path()) if c.scenario_id in names]
+    proven = [c for c in certificates_of(DataSet.in_use()) if c.scenario_id in names]
     densities = np.array([c.realised_density for c in proven if c.asked_density])
     chosen = sample_rows(rows, limit)
     with bars() as show:
         sim = Simulation()
-        cruise = driven_speeds(chosen, sim, SceneLoader(), lambda n: show("drive", n, len(chosen)))
+        cruise = driven_speeds(
+            chosen, sim, SceneLoader(DataSet.in_use()), lambda n: show("drive", n, len(chosen))
+        )
         sim.close()
     show_analysis(compared(calibrate(grid_speeds(rows), cruise, densities), split), out)

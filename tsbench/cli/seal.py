@@ -12,6 +12,7 @@ from tsbench.core.errors import TsbenchError
 from tsbench.dataset.city import chosen_city
 from tsbench.dataset.maps.paths import sources_dir
 from tsbench.run.edition import edition_now
+from tsbench.scenarios.data_set import DataSet
 
 _SECRET = "--secret"
 
@@ -41,10 +42,10 @@ def build(secret: Path, types: tuple[str, ...], osm_dir: Path | None, workers: i
     """Build the city NAME's data set as `tsbench city build` does, drawn with a secret. Resumable."""
     from tsbench.dataset.seal import build_sealed
 
-    chosen = options.types_of(types)
+    chosen = options.types_of(DataSet.in_use(), types)
     with bars() as show:
         build_sealed(chosen, osm_dir or sources_dir(), secret, workers, show)
-    click.echo(f"{edition_now()}: tsbench seal commit {chosen_city().name} --out FILE")
+    click.echo(f"{edition_now(DataSet.in_use())}: tsbench seal commit {chosen_city().name} --out FILE")
 
 
 @seal.command()

@@ -7,7 +7,7 @@ from rich.console import Console
 
 from tsbench.cli import options
 from tsbench.cli.console import show_analysis
-from tsbench.signs.catalog import load_catalog
+from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.countries import Country, load_countries, write_csv
 from tsbench.signs.listing import countries_table, country_table, sign_page, sign_table
 
@@ -20,14 +20,14 @@ def signs() -> None:
 @signs.command("list")
 def list_signs() -> None:
     """Print all signs with their scenario types."""
-    Console().print(sign_table(load_catalog()))
+    Console().print(sign_table(DataSet.in_use().catalog))
 
 
 @signs.command("show")
 @click.argument("code")
 def show_sign(code: str) -> None:
     """Print what the catalogue says about the sign CODE, such as 3.24."""
-    Console().print(sign_page(load_catalog().sign(code)))
+    Console().print(sign_page(DataSet.in_use().catalog.sign(code)))
 
 
 @signs.command("pages")
@@ -37,8 +37,8 @@ def write_pages(types: tuple[str, ...], out: Path) -> None:
     """Write a page for each scenario type: law, rule, a violation and an obedient pass of the same scene."""
     from tsbench.report.tables.sign_pages import PageMaker
 
-    maker = PageMaker(out)
-    for name in options.types_of(types) or maker.types:
+    maker = PageMaker(DataSet.in_use(), out)
+    for name in options.types_of(DataSet.in_use(), types) or maker.types:
         click.echo(str(maker.write(name)))
     click.echo(str(maker.write_index()))
 
@@ -50,7 +50,7 @@ def draw_sheet(out: Path, country: Country | None) -> None:
     """Draw all plates by group on one page."""
     from tsbench.signs.sheet import save_sheet  # Pillow and the renderer only where pictures are drawn
 
-    save_sheet(load_catalog(), out, country)
+    save_sheet(DataSet.in_use().catalog, out, country)
     click.echo(str(out))
 
 
@@ -60,7 +60,7 @@ def draw_sheet(out: Path, country: Country | None) -> None:
 @options.out("Also write it as CSV, LaTeX and Markdown.", type=options.FOLDER)
 def show_equivalents(country: Country | None, path: Path | None, out: Path | None) -> None:
     """Print how many signs each country has an equivalent of, or one country's own codes."""
-    catalog, countries = load_catalog(), load_countries() if country is None else (country,)
+    catalog, countries = DataSet.in_use().catalog, load_countries() if country is None else (country,)
     table = countries_table(countries) if country is None else country_table(catalog, country)
     Console().print(table)
     if path is not None:

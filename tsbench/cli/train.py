@@ -25,6 +25,7 @@ from tsbench.learn.oracle.trajectories import trajectories_path
 from tsbench.metrics.intervals import share_ends
 from tsbench.planners.plant2.planner_ft import StopPolicy
 from tsbench.planners.weights import Network, network
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
 
@@ -198,7 +199,7 @@ def frames(workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
 def _recipe(
     planners: Words, types: Words, more: Words, trajectories: Path | None, perception: str, **figures: Any
 ) -> tuple[FineTuning, list[ScenarioSpec]]:
-    path, often = trajectories or trajectories_path(), options.types_of(more)
+    path, often = trajectories or trajectories_path(), options.types_of(DataSet.in_use(), more)
     recipe = FineTuning(
         trajectories=path,
         drivers=planners,
@@ -273,8 +274,8 @@ def measure(
 
 def _train_rows(words: tuple[str, ...]) -> list[ScenarioSpec]:
     """The train table's rows of some types and groups, whose files are there."""
-    rows = options.rows_of("train", words)
-    check_files(rows)
+    rows = options.rows_of(DataSet.in_use(), "train", words)
+    check_files(rows, DataSet.in_use())
     return rows
 
 

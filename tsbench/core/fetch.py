@@ -38,7 +38,7 @@ class DataFile:
 
 
 @dataclass(frozen=True, slots=True)
-class DataSet:
+class DataPart:
     name: str
     about: str
     files: tuple[DataFile, ...]
@@ -49,17 +49,17 @@ class DataSet:
 
 
 @cache
-def data_sets() -> Mapping[str, DataSet]:
+def data_sets() -> Mapping[str, DataPart]:
     told = json.loads(MANIFEST.read_text(encoding="utf-8"))
     if told["schema_version"] != SCHEMA_VERSION:
         raise InputError(f"{MANIFEST}: schema version {told['schema_version']}, expected {SCHEMA_VERSION}")
     return {
-        name: DataSet(name, entry["about"], tuple(DataFile(*file) for file in entry["files"]))
+        name: DataPart(name, entry["about"], tuple(DataFile(*file) for file in entry["files"]))
         for name, entry in told["sets"].items()
     }
 
 
-def data_set(name: str) -> DataSet:
+def data_set(name: str) -> DataPart:
     """The set of a name. Raises InputError for an unknown name."""
     sets = data_sets()
     if name not in sets:
@@ -71,7 +71,7 @@ _BLOCK = 1 << 20
 _TIMEOUT_S = 60.0
 
 
-def fetch_set(data: DataSet, source: str, report: Callable[[DataFile], None]) -> int:
+def fetch_set(data: DataPart, source: str, report: Callable[[DataFile], None]) -> int:
     """Bring the files of a set that are not here from below `source` (a folder, or an http(s) URL); how many came.
 
     Files that are there are skipped, so that a broken-off fetch goes on. `report` is told of each file that came.

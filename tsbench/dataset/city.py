@@ -16,10 +16,11 @@ from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
 from tsbench.core.fetch import fetch_file
 from tsbench.core.files import sha256_of, write_atomic
-from tsbench.core.paths import LEFT, MIRRORED, checked_city, cities_folder, city_in_use, city_names, driven_as
+from tsbench.core.paths import LEFT, MIRRORED, checked_city, cities_folder, city_names, driven_as
 from tsbench.core.typed import SCHEMA, read_sheet
 from tsbench.dataset.maps.names import extracts_in, file_at
 from tsbench.dataset.maps.utm import UtmFrame
+from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.countries import Side, country_code, country_codes, driving_sides, load_country
 
 # A country's extract has less.
@@ -100,7 +101,7 @@ class City:
 
 def chosen_city() -> City:
     """The city whose data set is in use (`--city`)."""
-    return load_city(city_in_use())
+    return load_city(DataSet.in_use().name)
 
 
 def load_city(name: str) -> City:

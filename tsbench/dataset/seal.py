@@ -16,7 +16,7 @@ from typing import Literal
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, sha256_of, write_json
-from tsbench.core.paths import OWN_CITY, dataset_root
+from tsbench.core.paths import OWN_CITY
 from tsbench.core.textfile import read_json
 from tsbench.core.typed import read_typed
 from tsbench.dataset.city import chosen_city
@@ -24,7 +24,7 @@ from tsbench.dataset.scenes.build import Progress, TypeReport
 from tsbench.dataset.scenes.city_build import build_city
 from tsbench.dataset.seeds import secret_sha256, using_secret
 from tsbench.run.edition import contract_now, edition_now
-from tsbench.scenarios.table import read_table, splits_there, table_path
+from tsbench.scenarios.data_set import DataSet
 
 SCHEMA_VERSION: Literal[1] = 1
 _SEAL = "seal.json"
@@ -67,15 +67,15 @@ def build_sealed(
     types: Sequence[str], osm: Path, secret: Path, workers: int, progress: Progress
 ) -> list[TypeReport]:
     """As `build_city`, drawn with a secret. Raises InputError where what is there was drawn with another, or none."""
-    place, digest = dataset_root() / _SEAL, secret_sha256(secret)
+    place, digest = DataSet.in_use().folder / _SEAL, secret_sha256(secret)
     if place.is_file():
         if read_json(place, "seal").get("secret_sha256") != digest:
             raise InputError(
                 f"{place}: this data set was begun with another secret: go on with that, or move it away"
             )
-    elif chosen_city().name != OWN_CITY and (dataset_root() / "scenarios").exists():
+    elif chosen_city().name != OWN_CITY and (DataSet.in_use().folder / "scenarios").exists():
         raise InputError(
-            f"{dataset_root()}: was built without a secret: move it away, or describe a city of another name"
+            f"{DataSet.in_use().folder}: was built without a secret: move it away, or describe a city of another name"
         )
     else:
         write_json(place, {"secret_sha256": digest})
@@ -85,19 +85,21 @@ def build_sealed(
 
 def commitments() -> Commitments:
     """Of the data set in use. Raises InputError where it is not sealed, or not built."""
-    place = dataset_root() / _SEAL
+    data = DataSet.in_use()
+    place = data.folder / _SEAL
     if not place.is_file():
         raise InputError(
             f"{place}: not there, so this data set is not sealed: tsbench seal build makes one that is"
         )
-    city, splits = chosen_city(), splits_there()
+    city, splits = chosen_city(), data.splits
     if not splits:
-        raise InputError(f"{dataset_root()}: nothing is built yet: tsbench seal build {city.name}")
-    rows = {split: Counter(row.pair_type for row in read_table(table_path(split))) for split in splits}
+        raise InputError(f"{data.folder}: nothing is built yet: tsbench seal build {city.name}")
+    rows = {split: Counter(row.pair_type for row in data.table(split)) for split in splits}
     return Commitments(
-        SCHEMA_VERSION, city.name, city.title, edition_now(), {split: contract_now(split) for split in splits},
+        SCHEMA_VERSION, city.name, city.title, edition_now(data),
+        {split: contract_now(data, split) for split in splits},
         read_json(place, "seal")["secret_sha256"],
-        {split: dict(sorted(counts.items())) for split, counts in rows.items()}, _files(dataset_root()),
+        {split: dict(sorted(counts.items())) for split, counts in rows.items()}, _files(data.folder),
     )  # fmt: skip
 
 
@@ -112,7 +114,7 @@ def read_commitments(path: Path) -> Commitments:
 
 def problems(published: Commitments, secret: Path | None) -> list[str]:
     """What of the data set in use, and of the secret, is not what was published; [] where all of it is."""
-    here = _files(dataset_root())
+    here = _files(DataSet.in_use().folder)
     found = [f"{name}: was committed to and is not here" for name in sorted(set(published.files) - set(here))]
     found += [
         f"{name}: is here and was not committed to" for name in sorted(set(here) - set(published.files))

@@ -19,7 +19,7 @@ from gymnasium.vector import AsyncVectorEnv
 from gymnasium.wrappers import TimeLimit
 
 from tsbench.core.errors import InputError, SimulationError
-from tsbench.core.paths import driving, expanded_text
+from tsbench.core.paths import expanded_text
 from tsbench.core.typed import typed
 from tsbench.envs.encoders import KINDS, PLAIN
 from tsbench.envs.exits import EXIT, ExitAction
@@ -33,10 +33,11 @@ from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Control, Observation
 from tsbench.run.arguments import keywords, switch, text, type_words, whole_number
 from tsbench.run.plan import BOTH, VARIANTS, choose_half, choose_types, choose_variants
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
-from tsbench.scenarios.table import SPLITS, read_table, table_path
+from tsbench.scenarios.table import SPLITS
 from tsbench.sim.sumo import Simulation
 
 # Times that a row of a type in `more` is in the draw.
@@ -97,16 +98,16 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             reward = _reward_of(reward)
         if not (reward is None or isinstance(reward, RewardSpec) or callable(reward)):
             raise InputError(f"reward {reward!r}: expected a RewardSpec, or a function of a step's terms")
-        chosen = choose_types(type_words("types", types))
-        with driving(None if city is None else text("city", city)) as self._city:
-            rows = [row for row in read_table(table_path(split)) if row.pair_type in chosen]
-            self._rows = choose_half(choose_variants(rows, variants), half)
-            if not self._rows:
-                raise InputError(f"{table_path(split)}: has no scenario of {', '.join(chosen)}")
-            check_files(self._rows)
+        self._data = data = DataSet.driven(None if city is None else text("city", city))
+        chosen = choose_types(data.catalog, type_words("types", types))
+        rows = [row for row in data.table(split) if row.pair_type in chosen]
+        self._rows = choose_half(choose_variants(rows, variants), half)
+        if not self._rows:
+            raise InputError(f"{data.table_path(split)}: has no scenario of {', '.join(chosen)}")
+        check_files(self._rows, data)
         self._by_id = {row.scenario_id: row for row in self._rows}
         if often := type_words("more", more or None):
-            kinds = choose_types(often)
+            kinds = choose_types(data.catalog, often)
             self._rows += (_MORE - 1) * [row for row in self._rows if row.pair_type in kinds]
         self._kind, self._to_exits = observation, action == EXIT
         self._make_encoders()
@@ -127,8 +128,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     def _make_encoders(self) -> None:
         """What turns observations and actions of one episode, and what loads it."""
         self._simulation = Simulation()
-        with driving(self._city):
-            self._loader = SceneLoader()
+        self._loader = SceneLoader(self._data)
         self._seen = KINDS[self._kind]()
         self._exit = ExitAction() if self._to_exits else None
 
@@ -152,10 +152,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         rows = self._asked(options or {})
         row = rows[int(self.np_random.integers(len(rows)))] if len(rows) > 1 else rows[0]
         self._episode = None
-        with driving(self._city):
-            episode = Episode(
-                row, perception=self._perception, simulation=self._simulation, loader=self._loader
-            )
+        episode = Episode(row, perception=self._perception, simulation=self._simulation, loader=self._loader)
         if episode.result is not None:
             raise SimulationError(f"{row.scenario_id}: {episode.result.error or episode.result.outcome}")
         self._seen.reset(episode.context)
@@ -230,7 +227,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             return [self._by_id[named]]
         rows = choose_half(self._rows, options.get("half", BOTH))
         if "type" in options:
-            kinds = choose_types(type_words("option type", options["type"]))
+            kinds = choose_types(self._data.catalog, type_words("option type", options["type"]))
             rows = [row for row in rows if row.pair_type in kinds]
         if not rows:
             raise InputError(f"options {dict(options)}: this environment has no such scenario")

@@ -15,7 +15,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from tsbench.planners.base import Observation, PlannerContext, SignView
-from tsbench.signs.catalog import load_catalog
+from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.model import OUTLINES
 
 # one_lane: 1 where it addresses one lane, and not all of its edge. lanes_left: by how many lanes that lane lies to the
@@ -68,7 +68,7 @@ _REACH = 1.0e4
 
 def sign_codes() -> list[str]:
     """The catalogue's signs, as columns and numbers of plates count them."""
-    return sorted(load_catalog().signs)
+    return sorted(DataSet().catalog.signs)
 
 
 class ObjectsSeen:

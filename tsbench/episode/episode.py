@@ -17,6 +17,7 @@ from tsbench.episode.outcome import EpisodeFacts, EpisodeResult, Outcome, Phase,
 from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.planners.base import Control, Observation, PlannerContext, Privilege, Trajectory
 from tsbench.rules.monitors import make_monitors
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.annotations import DISTRACTOR
@@ -101,7 +102,7 @@ class Episode:
         self._is_loaded = False
         try:
             heartbeat(Phase.LOADING)
-            scene, roads = (SceneLoader() if loader is None else loader).load(spec)
+            scene, roads = (SceneLoader(DataSet()) if loader is None else loader).load(spec)
             scene.catalog.check_plates(
                 spec.sign_code, {s.id: s.code for s in scene.signs if s.role != DISTRACTOR}, spec.scenario_id
             )
@@ -308,8 +309,7 @@ class Episode:
 def _context(seed: int, scene: Scene, roads: Roads, privileged: bool) -> PlannerContext:
     view, privilege = roads.view, None
     if privileged:
-        sign = scene.target_sign
-        privilege = Privilege(sign, scene.rule(sign), scene.network, view)
+        privilege = Privilege(scene.target_sign, scene.catalog, scene.network, view)
     return PlannerContext(seed, view.map, view.graph, destination_on_map(view, scene), DT_S, privilege)
 
 

@@ -11,6 +11,7 @@ from tsbench.episode.outcome import EpisodeResult, Phase
 from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.planners.base import Planner
 from tsbench.planners.registry import LoadedPlanner
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.sumo import Simulation
@@ -19,7 +20,8 @@ from tsbench.sim.sumo import Simulation
 class EpisodeRunner:
     """Runs episodes one after the other with one planner, made when the first begins.
 
-    perception, heartbeat, simulation, loader: as `Episode` takes them.
+    perception, heartbeat, simulation, loader: as `Episode` takes them. data: what scenes are of without a loader;
+    None: the benchmark's own.
     """
 
     def __init__(
@@ -30,11 +32,12 @@ class EpisodeRunner:
         heartbeat: Callable[[int], None] = no_heartbeat,
         simulation: Simulation | None = None,
         loader: SceneLoader | None = None,
+        data: DataSet | None = None,
     ) -> None:
         self._loaded, self._perception, self._beat = planner, perception, heartbeat
         self._planner: Planner | None = None
         self.simulation = Simulation() if simulation is None else simulation
-        self._loader = SceneLoader() if loader is None else loader
+        self._loader = SceneLoader(data or DataSet()) if loader is None else loader
 
     def prepare(self, spec: ScenarioSpec) -> None:
         """Make the planner and load the roads of a row, for children of this process to begin with.

@@ -12,7 +12,6 @@ from pathlib import Path
 from confusable_homoglyphs.confusables import confusables_data
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import driving
 from tsbench.core.provenance import digest
 from tsbench.core.textfile import read_json
 from tsbench.leaderboard.submission import KIND as SUBMISSION
@@ -22,7 +21,7 @@ from tsbench.leaderboard.verification import ClaimVerdict, Verification, draw, r
 from tsbench.metrics.scd_records import PAIRED, SIGNED_ONES
 from tsbench.planners.registry import comes_with_tsbench
 from tsbench.run.edition import LOCAL, contract_now, edition_of, standing_contract
-from tsbench.scenarios.table import read_table, splits_there, table_path
+from tsbench.scenarios.data_set import DataSet
 
 _SHORT = 8
 # Long enough that no code is found by trial that has the number of somebody else's.
@@ -91,7 +90,7 @@ class BoardRow:
         The edition is that of the contract. Where nobody here knows it, and its data are not here, that is said.
         """
         s = self.submission
-        edition = edition_of(s.contract, s.edition)
+        edition = edition_of(s.contract, s.edition, DataSet.named(s.city))
         if edition.endswith(LOCAL):
             edition = s.edition if self.checked else f"{s.edition} (unknown contract)"
         return edition, s.split, standing_contract(s.contract)
@@ -164,8 +163,7 @@ def read_rows(folder: Path) -> list[BoardRow]:
 
 
 def _drawn(s: Submission, record: Verification) -> list[str]:
-    with driving(s.city):
-        table = read_table(table_path(s.split))
+    table = DataSet.named(s.city).table(s.split)
     return [spec.scenario_id for spec in draw(s.contract, s.episodes, table, record.sample, record.seed)]
 
 
@@ -184,13 +182,13 @@ def _check_names(rows: Iterable[BoardRow]) -> None:
 
 def _check(path: Path, submission: Submission) -> bool:
     """Do the figures follow from the episodes? False where the data of its contract are not here."""
-    with driving(submission.city):
-        if submission.split not in splits_there():
-            return False
-        table = read_table(table_path(submission.split))
-        if standing_contract(contract_now(submission.split)) != standing_contract(submission.contract):
-            return False
-        found = figures_of(submission.episodes, table, submission.planner, submission.contract)
+    data = DataSet.named(submission.city)
+    if submission.split not in data.splits:
+        return False
+    table = data.table(submission.split)
+    if standing_contract(contract_now(data, submission.split)) != standing_contract(submission.contract):
+        return False
+    found = figures_of(submission.episodes, table, submission.planner, submission.contract)
     if found != submission.figures:
         wrong = next(
             (f"{a.figure} of {a.over}" for a in found if a not in submission.figures), "their number"

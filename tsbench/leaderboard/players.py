@@ -15,7 +15,6 @@ from typing import Any
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
-from tsbench.core.paths import driving
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.trace import read_trace, trace_path
 from tsbench.leaderboard.board_rows import BoardRow
@@ -23,8 +22,8 @@ from tsbench.leaderboard.submission import Submission, SubmittedEpisode, episode
 from tsbench.report.page.episode_player import EpisodePacker
 from tsbench.report.page.page_format import pack_table, page_column
 from tsbench.report.page.report_page import Embedded
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.tools.rescore import Judge
 
 _COLUMNS = (
@@ -75,8 +74,7 @@ def copy_traces(run: Path, submission: Submission, path: Path, most: int) -> int
 
     With each that of the other half of its pair, where the run has it. Raises InputError.
     """
-    with driving(submission.city):
-        specs = {spec.scenario_id: spec for spec in read_table(table_path(submission.split))}
+    specs = {spec.scenario_id: spec for spec in DataSet.named(submission.city).table(submission.split)}
     beside = traces_beside(path)
 
     def trace(episode: SubmittedEpisode) -> Path:
@@ -100,8 +98,7 @@ def show_failures(rows: Sequence[BoardRow], labels: Sequence[str], most: int) ->
     for row, label in zip(rows, labels, strict=True):
         if not row.checked or not traces_beside(row.path).is_dir():
             continue
-        with driving(row.submission.city):
-            _add(row, label, most, found, packed)
+        _add(row, label, most, found, packed)
     if not packed.rows:
         return PagePlayers({}, 0)
     return PagePlayers({"episodes": found.packed(), **packed.blobs}, len(packed.rows))
@@ -131,8 +128,9 @@ class _Table:
 
 def _add(row: BoardRow, label: str, most: int, table: _Table, packed: Embedded) -> None:
     s = row.submission
-    specs = {spec.scenario_id: spec for spec in read_table(table_path(s.split))}
-    judge, packer = Judge(), EpisodePacker()
+    data = DataSet.named(s.city)
+    specs = {spec.scenario_id: spec for spec in data.table(s.split)}
+    judge, packer = Judge(data), EpisodePacker(data)
 
     def trace_of(episode: SubmittedEpisode) -> Path:
         return traces_beside(row.path) / trace_path(Path(), s.planner.name, episode.scenario_id).name

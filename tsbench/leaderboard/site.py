@@ -22,11 +22,12 @@ from tsbench.metrics.scd_records import PAIRED, PARTS, SIGNED_ONES
 from tsbench.report.page.page_format import render_page
 from tsbench.report.page.report_page import PLAYER_SCRIPTS
 from tsbench.run.plan import choose_types
+from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.model import GROUPS
 
 _INDEX = "index.html"
 _SCRIPTS = ("leaderboard.js",)
-DataSet = tuple[str, str, str]
+Compared = tuple[str, str, str]
 
 
 def build_site(folder: Path, out: Path, players: int) -> int:
@@ -36,7 +37,7 @@ def build_site(folder: Path, out: Path, players: int) -> int:
     `read_rows` and `show_failures` do.
     """
     rows = sorted(read_rows(folder), key=lambda row: row.rank_by)
-    sets: dict[DataSet, list[BoardRow]] = {}
+    sets: dict[Compared, list[BoardRow]] = {}
     planners: dict[str, list[BoardRow]] = {}
     for row in rows:
         sets.setdefault(row.data_set, []).append(row)
@@ -159,7 +160,7 @@ def _primary_name(rows: Sequence[BoardRow]) -> str:
     return "paired SCD" if all(row.figure(PAIRED) for row in rows) else "signed SCD"
 
 
-def _planner_page(own: Sequence[BoardRow], sets: dict[DataSet, list[BoardRow]], players: int) -> str:
+def _planner_page(own: Sequence[BoardRow], sets: dict[Compared, list[BoardRow]], players: int) -> str:
     """A planner: all its submissions, its curves, its failures, and what can be watched of them."""
     rows = sorted(own, key=lambda row: (row.refuted, row.data_set, row.level_rank, row.rank_by))
     labels = _labels(rows)
@@ -188,7 +189,9 @@ def _labels(rows: Sequence[BoardRow]) -> list[str]:
 
 def _types(row: BoardRow) -> list[tuple[str, list[Figure | None]]]:
     """Each type that has figures, with them: paired, signed, contrast."""
-    found = [(kind, [row.figure(name, kind) for name in PARTS]) for kind in choose_types(())]
+    found = [
+        (kind, [row.figure(name, kind) for name in PARTS]) for kind in choose_types(DataSet().catalog, ())
+    ]
     return [(name, figures) for name, figures in found if any(f is not None for f in figures)]
 
 

@@ -20,8 +20,6 @@ from tsbench.run.log.manifest import city_of, plain_perception, planners_of
 from tsbench.run.log.read import StoredRun, read_run
 from tsbench.run.plan import BOTH
 from tsbench.run.planner_info import PlannerInfo
-from tsbench.scenarios.table import read_table as read_scenarios
-from tsbench.scenarios.table import table_path
 from tsbench.tools.rescore import rescore
 
 # What a row of the leaderboard is of: everything, as the planner is.
@@ -50,7 +48,7 @@ def make_submission(
             "--shared-process: its row says so)"
         )
     split = str(run.manifest["effective"]["split"])
-    table = read_scenarios(table_path(split))
+    table = run.data.table(split)
     judged = rescore(folder)
     if judged.contract != run.contract:
         raise InputError(f"{folder}: {judged.note}: submit with the tsbench and the data that drove it")

@@ -30,8 +30,8 @@ from tsbench.run.isolation.isolated_loading import changed_files, describe
 from tsbench.run.log.manifest import machine
 from tsbench.run.log.record import Record
 from tsbench.run.planner_info import PlannerInfo
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 
 KIND, SCHEMA_VERSION = "tsbench-verification", 3
 # Rounded as figures are shown: the bootstrap's own draws are of the contract, and so the same.
@@ -166,15 +166,16 @@ def verify(
     driven = planner or claim.planner.spec
     if shared_process and driven.startswith(_ISOLATED_ONLY):
         raise InputError(f"--shared-process: {driven!r:.60} is driven isolated only: leave it out")
-    table = sorted(read_table(table_path(claim.split)), key=lambda row: row.scenario_id)
-    contract = contract_now(claim.split)
+    data = DataSet.named(claim.city)
+    table = sorted(data.table(claim.split), key=lambda row: row.scenario_id)
+    contract = contract_now(data, claim.split)
     if standing_contract(contract) != standing_contract(claim.contract):
         raise InputError(
             f"{claim.path}: its contract is {claim.contract[:12]}, that of this tsbench {contract[:12]}: verify it "
             f"with tsbench {claim.tsbench} and the data of {claim.edition}"
         )
     found = list(_strange(claim, table) if claim.figures is None else _figures(claim, table, claim.figures))
-    name = edition_of(claim.contract, claim.edition).removesuffix(LOCAL)
+    name = edition_of(claim.contract, claim.edition, data).removesuffix(LOCAL)
     if name != claim.edition.removesuffix(LOCAL):
         found.append(Mismatch("", f"its edition is {claim.edition} as submitted, {name} by its contract"))
     specs = draw(claim.contract, claim.episodes, table, sample, seed)
@@ -278,7 +279,17 @@ def _drive(
         else:
             (info,) = pool.probe([planner], claim.device)
         split, contract, loader = claim.split, claim.contract, ISOLATED_ALONE if isolated else ""
-        setup = Setup((info,), claim.perception, claim.device, "none", out, split, contract, loader=loader)
+        setup = Setup(
+            (info,),
+            claim.perception,
+            claim.device,
+            "none",
+            out,
+            DataSet.named(claim.city),
+            split,
+            contract,
+            loader=loader,
+        )
         tasks = TaskQueue(Task(number, 0, spec) for number, spec in enumerate(specs, start=1))
         pool.run(setup, tasks, keep, lambda: False)
     return info, sorted(done, key=lambda episode: episode.scenario_id)

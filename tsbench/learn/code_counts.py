@@ -8,6 +8,7 @@ from pathlib import Path
 
 from tsbench.core.files import write_atomic
 from tsbench.planners.floor.codes import Plate
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 
@@ -19,7 +20,7 @@ def plates_of(row: ScenarioSpec, loader: SceneLoader) -> tuple[Plate, ...]:
 
 def count(rows: Iterable[ScenarioSpec]) -> dict[Plate, tuple[int, int]]:
     """Signed and contrast halves in which a plate stands, of rows that have a pair."""
-    loader = SceneLoader()
+    loader = SceneLoader(DataSet.in_use())
     there: dict[str, Counter[Plate]] = {SIGNED: Counter(), CONTRAST: Counter()}
     for row in rows:
         if row.pair_id:

@@ -22,7 +22,7 @@ from tsbench.metrics.breakdown import Mask, Scores, StrictAndCompleted, break_do
 from tsbench.metrics.episode_metrics import METRICS, Metric
 from tsbench.metrics.intervals import LEVEL, ClusterBootstrap, Estimate, sums_by_cluster
 from tsbench.metrics.scd_records import Records, split_records
-from tsbench.signs.catalog import load_catalog
+from tsbench.scenarios.data_set import DataSet
 
 SUMMARY_SCHEMA = 4
 # Of a driver that reads no plate and is there to show how far that leads.
@@ -115,7 +115,7 @@ def summarise(
         if name in records
     )
     units = {name: metric.unit for name, metric in METRICS.items()}
-    types, driven = len(load_catalog().types), {kind for p in planners for kind in p.kinds}
+    types, driven = len(DataSet().catalog.types), {kind for p in planners for kind in p.kinds}
     title = f"{len(driven)} of {types} types, {sum(asked.values())} episodes asked"
     title = f"PARTIAL, {sum(holes.values())} episodes missing: {title}" if holes else title
     return Summary(

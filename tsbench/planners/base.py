@@ -17,7 +17,7 @@ from tsbench.roads.network import RoadNetwork
 from tsbench.roads.planner_map import PlannerMap
 from tsbench.roads.road_map import RoadMap
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.catalog import RuleSpec
+from tsbench.signs.catalog import Catalog, RuleSpec
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Obstacle
 from tsbench.sim.world import Agents, EgoState, WorldSnapshot
@@ -116,14 +116,19 @@ class Observation:
 class Privilege:
     """What experts may read beyond what all planners see: the target sign's rule, exactly; never the future.
 
-    sign: the target, on the edges of `network`, which is SUMO's with its priorities. view: from that to the map.
-    `Observation.truth` goes with it.
+    sign: the target, on the edges of `network`, which is SUMO's with its priorities. catalog: signs as they bind here.
+    view: from the network to the map. `Observation.truth` goes with it.
     """
 
     sign: SignInstance
-    rule: RuleSpec
+    catalog: Catalog
     network: RoadNetwork
     view: PlannerMap
+
+    @property
+    def rule(self) -> RuleSpec:
+        """What the target asks."""
+        return self.catalog.sign(self.sign.code).rule
 
 
 @dataclass(frozen=True, slots=True)

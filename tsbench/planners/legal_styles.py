@@ -17,7 +17,6 @@ from tsbench.planners.experts.rules.gap_acceptance import COURTESY
 from tsbench.planners.experts.rules.right_of_way import RightOfWay
 from tsbench.planners.idm import IdmParameters
 from tsbench.planners.reader import Reader
-from tsbench.signs.catalog import load_catalog
 
 # The rule of plates that set a greatest speed.
 _GREATEST_SPEED = "speed"
@@ -54,7 +53,8 @@ class LegalStyle(Reader):
 
     def obeying(self, read: SignView) -> Expert:
         """The plate's expert; a greatest speed is obeyed as if it were `share` of it."""
-        if read.value is not None and load_catalog().sign(read.code).rule.name == _GREATEST_SPEED:
+        rule = self._privilege.catalog.sign(read.code).rule
+        if read.value is not None and rule.name == _GREATEST_SPEED:
             read = replace(read, value=self.share * read.value)
         return super().obeying(read)
 

@@ -19,7 +19,6 @@ from tsbench.planners.experts.rules.constraint import slow_to
 from tsbench.planners.floor.blind import Blind
 from tsbench.planners.helpers import identified, sign_ahead
 from tsbench.planners.idm import Idm, IdmParameters
-from tsbench.signs.catalog import load_catalog
 
 # Told places are off by a few metres along the road; no two posts of one scene that face the same way are nearer.
 _SAME_POST_M = 4.0
@@ -77,9 +76,8 @@ class Reader:
     def obeying(self, read: SignView) -> Expert:
         """The expert that obeys a plate as it was read."""
         sign = replace(self._privilege.sign, code=read.code, value=read.value)
-        rule = load_catalog().sign(read.code).rule
         expert = Expert(Idm(self.driver))
-        expert.reset(replace(self._context, privilege=replace(self._privilege, sign=sign, rule=rule)))
+        expert.reset(replace(self._context, privilege=replace(self._privilege, sign=sign)))
         return expert
 
 

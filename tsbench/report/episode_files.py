@@ -18,6 +18,7 @@ from tsbench.episode.outcome import Outcome
 from tsbench.episode.trace import Trace, find_trace, read_trace, trace_path
 from tsbench.run.log.read import read_run
 from tsbench.run.plan import choose_types
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S
@@ -55,7 +56,7 @@ def select_traces(run: Path, selection: Selection) -> Chosen:
     stored = read_run(run)
     _check_names("--planner", selection.planners, stored.asked)
     _check_names("--outcome", selection.outcomes, map(str, Outcome))
-    types = set(choose_types(selection.types))
+    types = set(choose_types(stored.data.catalog, selection.types))
     rows = stored.episodes.select(_COLUMNS).to_pylist()
     chosen = [
         (row["planner"], row["scenario_id"])
@@ -167,7 +168,7 @@ class FileKind:
 
     def make(self, trace: Trace, path: Path) -> None:
         """Make the file of a trace. Raises InputError for a scene that is no longer there."""
-        self.write(trace, load_scene(trace.spec), path)
+        self.write(trace, load_scene(DataSet.in_use(), trace.spec), path)
 
 
 def make_one(run: Path, episode: str, kind: FileKind, out: Path | None) -> Path:

@@ -19,7 +19,8 @@ from tsbench.report.drawing.paint import paint, save_png, sheet
 from tsbench.report.drawing.road_shapes import mark_shapes, road_shapes
 from tsbench.report.drawing.shapes import Area
 from tsbench.roads.network import RoadNetwork, read_network
-from tsbench.scenarios.map_pool import PoolRow, pool_file, read_pool
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.map_pool import PoolRow, read_pool
 
 _COLUMNS, _WIDTH_PX, _HEIGHT_PX = 5, 300, 280
 # Of dual paths: approach, short way, compliant way.
@@ -30,10 +31,10 @@ _ARROW_M = np.array([(1.6, 0.0), (-1.0, 0.9), (-1.0, -0.9)])
 
 def draw_maps(map_ids: Sequence[str], osm_dir: Path, png: Path) -> None:
     """Draw maps of the committed pool by id. Raises InputError: an unknown map, an extract that is not there."""
-    pool = {row.map_id: row for row in read_pool(pool_file())}
+    pool = {row.map_id: row for row in read_pool(DataSet.in_use().pool_path)}
     unknown = [name for name in map_ids if name not in pool]
     if unknown:
-        raise InputError(f"{unknown[0]}: no such map in {pool_file()}")
+        raise InputError(f"{unknown[0]}: no such map in {DataSet.in_use().pool_path}")
     rows = [pool[name] for name in map_ids]
     sources = {name: load_source(name, osm_dir) for name in sorted({row.source for row in rows})}
     save_png(png, map_sheet([(row, sources[row.source]) for row in rows]))

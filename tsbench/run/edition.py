@@ -15,19 +15,10 @@ import yaml
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
-from tsbench.core.paths import (
-    MIRRORED,
-    OWN_CITY,
-    SHIPPED_CITIES,
-    city_in_use,
-    data_file,
-    dataset_root,
-    using_city,
-)
+from tsbench.core.paths import MIRRORED, OWN_CITY, SHIPPED_CITIES, data_file
 from tsbench.core.typed import read_typed
 from tsbench.run.contract import SCORING, code_is_local, contract_hash, mirrored_contract
-from tsbench.scenarios.table import read_table, scene_editions, splits_there, table_path
-from tsbench.signs.catalog import load_catalog
+from tsbench.scenarios.data_set import DataSet
 
 PATH = Path(__file__).with_name("editions.yaml")
 LOCAL = "+local"
@@ -92,16 +83,16 @@ def _read(path: Path) -> tuple[Edition, ...]:
     return read_typed(tuple[Edition, ...], path, "list of editions")
 
 
-def edition_here(contract: str) -> str:
+def edition_here(contract: str, data: DataSet) -> str:
     """The edition of what this tsbench drives or judges; with "+local" where its code is not as released, too."""
-    return edition_of(contract, f"{edition_now()}{LOCAL}" if code_is_local() else "")
+    return edition_of(contract, f"{edition_now(data)}{LOCAL}" if code_is_local() else "", data)
 
 
-def edition_of(contract: str, told: object = "") -> str:
+def edition_of(contract: str, told: object, data: DataSet) -> str:
     """The edition that a contract was released under, with "+local" where data or code were changed since.
 
     told: what the run that has this contract says of its edition: that its code was changed, and which edition an
-    unknown contract comes from.
+    unknown contract comes from; of one that says nothing it is that of `data`.
     """
     said = told if isinstance(told, str) and told else ""
     local = LOCAL if said.endswith(LOCAL) else ""
@@ -111,12 +102,12 @@ def edition_of(contract: str, told: object = "") -> str:
             return f"{edition.name}{local}"
         if contract in map(mirrored_contract, known):
             return f"{_mirrored_name(edition.name)}{local}"
-    return f"{said.removesuffix(LOCAL) or edition_now()}{LOCAL}"
+    return f"{said.removesuffix(LOCAL) or edition_now(data)}{LOCAL}"
 
 
-def contract_line(contract: str) -> str:
+def contract_line(contract: str, data: DataSet) -> str:
     """A contract with its edition, as a run's end and tables name it."""
-    return f"edition {edition_of(contract)}, contract {contract}"
+    return f"edition {edition_of(contract, '', data)}, contract {contract}"
 
 
 def standing_contract(contract: str) -> str:
@@ -135,16 +126,16 @@ def _mirrored_name(name: str) -> str:
     return f"{MIRRORED}{OWN_CITY}-{name}" if own else f"{MIRRORED}{name}"
 
 
-def in_force() -> Edition:
-    """The edition of the data in use: that of its test split's scenes, the last one where there are none."""
-    name = scene_editions().get("test")
+def in_force(data: DataSet) -> Edition:
+    """The edition of a data set: that of its test split's scenes, the last one where there are none."""
+    name = data.editions().get("test")
     return next((edition for edition in editions() if edition.name == name), editions()[-1])
 
 
-def edition_now() -> str:
+def edition_now(data: DataSet) -> str:
     """The edition that is run here: `2026.2`, of another city `north-bayreuth-2026.2`."""
-    city, name = city_in_use(), in_force().name
-    return name if city == OWN_CITY else f"{city}-{name}"
+    name = in_force(data).name
+    return name if data.name == OWN_CITY else f"{data.name}-{name}"
 
 
 def built_editions() -> tuple[Edition, ...]:
@@ -159,25 +150,25 @@ def _all_editions() -> Iterator[Edition]:
     yield from built_editions()
 
 
-def contract_now(split: str) -> str:
+def contract_now(data: DataSet, split: str) -> str:
     """The contract hash of a split with this tsbench and its data."""
-    return contract_hash(read_table(table_path(split)), load_catalog())
+    return contract_hash(data.table(split), data.catalog)
 
 
-def earlier_splits(root: Path | None = None) -> dict[str, str]:
+def earlier_splits(data: DataSet) -> dict[str, str]:
     """The splits whose scenes are of an earlier edition than that in force, and which: none that is run here."""
     names = [edition.name for edition in editions()]
-    older = names[: names.index(in_force().name)]
-    return {split: name for split, name in scene_editions(root).items() if name in older}
+    older = names[: names.index(in_force(data).name)]
+    return {split: name for split, name in data.editions().items() if name in older}
 
 
-def release_city(title: str) -> Mapping[str, str]:
-    """Write the contracts of the city in use down, with this tsbench and what was built; returns them by split."""
-    now = {split: contract_now(split) for split in splits_there()}
-    path = dataset_root() / _OF_CITY
+def release_city(data: DataSet, title: str) -> Mapping[str, str]:
+    """Write the contracts of a city down, with this tsbench and what was built; returns them by split."""
+    now = {split: contract_now(data, split) for split in data.splits}
+    path = data.folder / _OF_CITY
     (before,) = _read(path) if path.is_file() else (None,)
-    if before is None or before.name != edition_now():
-        before = Edition(edition_now(), title, {})
+    if before is None or before.name != edition_now(data):
+        before = Edition(edition_now(data), title, {})
     earlier = _still_the_same(before, now) if before.released else {}
     _write((replace(before, title=title, released={tsbench.__version__: now}, earlier=earlier),), path)
     return now
@@ -188,8 +179,9 @@ def release() -> Mapping[str, str]:
 
     Returns: contract by split.
     """
-    now = {split: contract_now(split) for split in splits_there() if split not in earlier_splits()}
-    scenes, last = scene_editions(), editions()[-1].name
+    data = DataSet()
+    now = {split: contract_now(data, split) for split in data.splits if split not in earlier_splits(data)}
+    scenes, last = data.editions(), editions()[-1].name
     _write(
         [_entered(e, {s: c for s, c in now.items() if scenes.get(s, last) == e.name}) for e in editions()],
         PATH,
@@ -235,8 +227,7 @@ def release_all() -> Mapping[str, Mapping[str, str]]:
     """Write the contracts of this tsbench and of the cities that come with it down; returns them by city and split."""
     found = {OWN_CITY: release()}
     for city, title in shipped_titles().items():
-        with using_city(city):
-            found[city] = release_city(title)
+        found[city] = release_city(DataSet(city), title)
     return found
 
 

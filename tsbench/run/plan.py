@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from itertools import zip_longest
@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.core.errors import InputError
-from tsbench.scenarios.map_pool import known_map_ids, pool_file
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.map_pool import known_map_ids
 from tsbench.scenarios.spec import HALVES, ScenarioSpec
 from tsbench.scenarios.store import check_files
-from tsbench.scenarios.table import read_table, table_path
-from tsbench.signs.catalog import Catalog, load_catalog
+from tsbench.signs.catalog import Catalog
 
 # With what the drawn ones are drawn of each of.
 _DRAWN = {"one-per-map": ("pair_type", "map_id"), "one-per-type": ("pair_type",)}
@@ -52,23 +52,23 @@ class RunPlan:
     """
 
     request: Request
-    catalog: Catalog
+    data: DataSet
     table: tuple[ScenarioSpec, ...]
     scenarios: tuple[ScenarioSpec, ...]
     types: tuple[str, ...]
 
 
-def make_plan(request: Request) -> RunPlan:
+def make_plan(request: Request, data: DataSet) -> RunPlan:
     """The selection. Raises InputError (one line) for whatever is asked for and not there."""
     if not request.planners:
         raise InputError("--planner: name at least one (tsbench planners list shows them)")
     twice = [p for i, p in enumerate(request.planners) if p in request.planners[:i]]
     if twice:
         raise InputError(f"--planner {twice[0]}: given twice")
-    types = choose_types(request.types)
-    path, catalog = table_path(request.split), load_catalog()
-    table = tuple(sorted(read_table(path), key=lambda row: row.scenario_id))
-    _check_rows(path, table, catalog)
+    path, catalog = data.table_path(request.split), data.catalog
+    types = choose_types(catalog, request.types)
+    table = tuple(sorted(data.table(request.split), key=lambda row: row.scenario_id))
+    _check_rows(path, table, catalog, known_map_ids(data.pool_path))
     chosen = [row for row in table if row.pair_type in types]
     present = {row.pair_type for row in chosen}
     missing = [t for t in request.types if t in types and t not in present]
@@ -81,19 +81,18 @@ def make_plan(request: Request) -> RunPlan:
         # What was drawn is not narrowed to nominal variants by a limit.
         first = _draw if request.variants in _DRAWN else _nominal
         chosen = spread(sorted(chosen, key=first), types, request.limit)
-    check_files(chosen, path.parent)
-    return RunPlan(request, catalog, table, tuple(chosen), tuple(t for t in types if t in present))
+    check_files(chosen, data)
+    return RunPlan(request, data, table, tuple(chosen), tuple(t for t in types if t in present))
 
 
-def types_and_groups() -> list[str]:
+def types_and_groups(catalog: Catalog) -> list[str]:
     """What `--types` knows: ids of types, in the catalogue's order, then groups."""
-    types = load_catalog().types
-    return [kind.id for kind in types] + sorted({kind.group for kind in types})
+    return [kind.id for kind in catalog.types] + sorted({kind.group for kind in catalog.types})
 
 
-def choose_types(asked: Sequence[str]) -> tuple[str, ...]:
+def choose_types(catalog: Catalog, asked: Sequence[str]) -> tuple[str, ...]:
     """Type ids named by `asked` (ids and group names; empty = all), in the catalogue's order."""
-    types, known = load_catalog().types, types_and_groups()
+    types, known = catalog.types, types_and_groups(catalog)
     for word in asked:
         if word not in known:
             groups = sorted({kind.group for kind in types})
@@ -160,10 +159,9 @@ def spread(rows: Sequence[ScenarioSpec], types: Sequence[str], limit: int) -> li
     return sorted(chosen, key=lambda row: row.scenario_id)
 
 
-def _check_rows(path: Path, rows: Sequence[ScenarioSpec], catalog: Catalog) -> None:
+def _check_rows(path: Path, rows: Sequence[ScenarioSpec], catalog: Catalog, maps: Container[str]) -> None:
     """A row may only speak of what the catalogue and the pool have."""
     kinds = {kind.id: kind for kind in catalog.types}
-    maps = known_map_ids(pool_file())
     for row in rows:
         where = f"{path}: row {row.scenario_id}"
         if row.scenario_type not in kinds:

@@ -35,6 +35,7 @@ from tsbench.run.opened_files import what_is_unseen
 from tsbench.run.plan import Request, make_plan
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.run.run_options import Options
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
 
 if TYPE_CHECKING:
@@ -81,9 +82,10 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
     """
     options.check()
     options, code = _in_image(options), code_stamps()
-    plan = make_plan(options.request)
+    data = DataSet.named(options.city)
+    plan = make_plan(options.request, data)
     perception = options.perceived()
-    contract = standing_contract(contract_hash(plan.table, plan.catalog))
+    contract = standing_contract(contract_hash(plan.table, data.catalog))
     effective = options.resolved(plan, perception)
     if options.out is not None and not options.overwrite:
         check_folder(options.out, contract, effective)
@@ -100,7 +102,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
             planners = distinct([one.planner for one in told])
         names = [planner.name for planner in planners]
         keys = [(name, spec.scenario_id) for name in names for spec in plan.scenarios]
-        manifest = new_manifest(contract, options.plain(), effective, planners, edition_here(contract))
+        manifest = new_manifest(contract, options.plain(), effective, planners, edition_here(contract, data))
         if told is not None:
             manifest["isolation"] = {one.planner.name: one.effects for one in told}
         folder_path = options.out or Path("runs") / options.folder_name(names, contract)
@@ -118,7 +120,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
             status, journal = "complete", folder.journal
             if journal is not None:
                 place, split = str(folder.path.resolve()), plan.request.split
-                given = (planners, perception, options.device, options.trace, place, split, contract)
+                given = (planners, perception, options.device, options.trace, place, data, split, contract)
                 loader = ISOLATED if options.isolate else ""
                 setup = Setup(*given, runner=options.runner, loader=loader, hidden=hidden)
 

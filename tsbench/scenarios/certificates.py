@@ -13,11 +13,10 @@ from pathlib import Path
 import pyarrow as pa
 
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, read_rows, save_rows
-from tsbench.core.paths import dataset_file
 from tsbench.core.provenance import data_hash, digest, versions
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.mirror import mirrored_id
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
-from tsbench.signs.catalog import mirror_in_use
 from tsbench.sim.convoy import LATE_BRAKE_MPS2
 
 SCHEMA_VERSION = 4
@@ -134,8 +133,8 @@ def _same(old: object, new: object) -> bool:
 SCHEMA = pa.schema(fields_of(Certificate)).with_metadata({VERSION_KEY: str(SCHEMA_VERSION), **OSM_LICENCE})
 
 
-def certificates_path(root: Path | None = None) -> Path:
-    return dataset_file("scenarios/certificates.parquet") if root is None else root / "certificates.parquet"
+def certificates_path(root: Path) -> Path:
+    return root / "certificates.parquet"
 
 
 def write_certificates(certificates: Iterable[Certificate], path: Path) -> None:
@@ -144,14 +143,16 @@ def write_certificates(certificates: Iterable[Certificate], path: Path) -> None:
 
 
 def read_certificates(path: Path) -> list[Certificate]:
-    """All certificates, sorted by scenario id. Raises InputError for a missing, broken or foreign file.
+    """All certificates, sorted by scenario id. Raises InputError for a missing, broken or foreign file."""
+    return read_rows(Certificate, path, SCHEMA, "tsbench scenarios build makes it", _OF_PAIRS)
 
-    Of a mirrored data set: those of the stored rows, by the names of their images.
-    """
-    rows = read_rows(Certificate, path, SCHEMA, "tsbench scenarios build makes it", _OF_PAIRS)
-    if (mirror := mirror_in_use()) is None:
+
+def certificates_of(data: DataSet) -> list[Certificate]:
+    """Those of a data set; of a mirrored one those of the stored rows, by the names of their images."""
+    rows = read_certificates(data.certificates_path)
+    if data.image is None:
         return rows
-    renamed = [replace(row, scenario_id=mirrored_id(row.scenario_id, mirror)) for row in rows]
+    renamed = [replace(row, scenario_id=mirrored_id(row.scenario_id, data.image)) for row in rows]
     return sorted(renamed, key=lambda row: row.scenario_id)
 
 

@@ -12,15 +12,10 @@ from typing import Any
 import pyarrow as pa
 
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, open_table, read_rows, save_rows
-from tsbench.core.paths import dataset_file
 
 SCHEMA_VERSION = 1
 FAMILIES = ("junction", "roundabout", "dual_path", "corridor")
 SLOTS = ("s_l", "s_r", "l_s", "l_r", "r_s", "r_l")
-
-
-def pool_file() -> Path:
-    return dataset_file("sumo_nets/pool.parquet")
 
 
 @dataclass(frozen=True, slots=True)

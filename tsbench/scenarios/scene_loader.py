@@ -12,10 +12,10 @@ from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.localization import LaneLocator
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.roads.planner_map import PlannerMap, build_planner_map
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.mirror import mirrored_additional, mirrored_network
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFiles, SceneStore
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.scene import Scene, SceneFile, SceneLayout
 from tsbench.sim.scene_file import read_layout
 
@@ -38,14 +38,14 @@ class Roads:
 
 
 class SceneLoader:
-    """Loads scenes from `files` (default: the stores of the data folder), checking each file against its row.
+    """Loads the scenes of a data set, checking each file against its row.
 
-    Those of a mirrored data set are made of the stored ones, once these are checked.
+    Those of a mirrored one are made of the stored ones, once these are checked. files: where else they are.
     """
 
-    def __init__(self, files: SceneFiles | None = None) -> None:
-        self.files = SceneStore() if files is None else files
-        self.catalog = load_catalog()
+    def __init__(self, data: DataSet, files: SceneFiles | None = None) -> None:
+        self.files = SceneStore(data) if files is None else files
+        self.catalog = data.catalog
         self._roads: OrderedDict[str, Roads] = OrderedDict()
 
     def load(self, spec: ScenarioSpec) -> tuple[Scene, Roads]:
@@ -87,6 +87,6 @@ class SceneLoader:
         return file
 
 
-def load_scene(spec: ScenarioSpec) -> Scene:
+def load_scene(data: DataSet, spec: ScenarioSpec) -> Scene:
     """The scene of one row, for callers that need one only."""
-    return SceneLoader().load(spec)[0]
+    return SceneLoader(data).load(spec)[0]

@@ -18,10 +18,9 @@ import pyarrow.parquet as pq
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, columns
-from tsbench.core.paths import dataset_file, fetch_hint
 from tsbench.core.xmlfile import read_plain, sha256
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.signs.catalog import mirror_in_use
 from tsbench.sim.scene import SceneFile
 
 # The files of one map, unpacked: ten times what the largest has. What Parquet adds to them is no more than they.
@@ -48,11 +47,12 @@ class SceneFiles(Protocol):
         """The file that a row names. Raises InputError for one that is missing or broken."""
 
 
-def store_path(split: str, type_id: str, root: Path | None = None) -> Path:
-    """Where the scenes of a type in a split stand; root: the `scenarios/` folder."""
-    mirror = mirror_in_use()
-    name = f"scenes/{split}/{mirror.mirrored_type(type_id) if mirror else type_id}.parquet"
-    return dataset_file(f"scenarios/{name}") if root is None else root / name
+def store_path(split: str, type_id: str, where: DataSet | Path) -> Path:
+    """Where the scenes of a type in a split stand; a folder: `scenarios/`."""
+    if isinstance(where, Path):
+        return where / f"scenes/{split}/{type_id}.parquet"
+    stored = where.image.mirrored_type(type_id) if where.image else type_id
+    return where.file(f"scenarios/scenes/{split}/{stored}.parquet")
 
 
 def write_store(maps: Iterable[tuple[str, Mapping[str, bytes]]], path: Path) -> None:
@@ -123,16 +123,16 @@ def _next_int(head: Iterator[int]) -> int:
 
 
 class SceneStore:
-    """Reads scenes below `root` (default: the data folder's `scenarios/`); the last few maps stay unpacked."""
+    """Reads the scenes of a data set, or those below a `scenarios/` folder; the last few maps stay unpacked."""
 
-    def __init__(self, root: Path | None = None) -> None:
-        self.root = root
+    def __init__(self, where: DataSet | Path) -> None:
+        self.where = where
         self._opened: dict[Path, _Opened] = {}
         self._maps: OrderedDict[tuple[Path, str], dict[str, bytes]] = OrderedDict()
 
     def read(self, spec: ScenarioSpec, name: str) -> SceneFile:
         """The file that a row names. Raises InputError for one that is missing, broken or too large."""
-        path = store_path(spec.split, spec.pair_type, self.root)
+        path = store_path(spec.split, spec.pair_type, self.where)
         content = self._map(path, spec.map_id).get(name)
         if content is None:
             raise InputError(f"{path / name}: no such scene file")
@@ -140,7 +140,7 @@ class SceneStore:
 
     def names(self, split: str, type_id: str) -> dict[str, str]:
         """SHA-256, as the store says it, of each file of a type in a split. Raises InputError for a broken store."""
-        opened = self._open(store_path(split, type_id, self.root))
+        opened = self._open(store_path(split, type_id, self.where))
         table = opened.table(tuple(opened.groups), ["name", "sha256"])
         return dict(zip(table["name"].to_pylist(), table["sha256"].to_pylist(), strict=True))
 
@@ -168,7 +168,8 @@ class SceneStore:
         opened = self._opened.get(path)
         if opened is None:
             if not path.is_file():
-                hint = fetch_hint(path.parent.name)
+                here = DataSet() if isinstance(self.where, Path) else self.where
+                hint = here.fetch_hint(path.parent.name)
                 raise InputError(f"{path}: no such scene files ({hint})")
             try:
                 source = pa.memory_map(str(path))
@@ -197,12 +198,12 @@ def _unreadable(path: Path, error: Exception) -> InputError:
     return InputError(f"{path}: not a readable store of scene files ({' '.join(str(error).split())})")
 
 
-def check_files(rows: Iterable[ScenarioSpec], root: Path | None = None) -> None:
+def check_files(rows: Iterable[ScenarioSpec], data: DataSet) -> None:
     """Is there a file for each that rows name? A scene that is not there would fail every episode on it.
 
     Raises InputError for the first that is missing, and for a store that is.
     """
-    store = SceneStore(root)
+    store = SceneStore(data)
     there: dict[tuple[str, str], dict[str, str]] = {}
     for row in rows:
         kind = row.split, row.pair_type
@@ -210,7 +211,7 @@ def check_files(rows: Iterable[ScenarioSpec], root: Path | None = None) -> None:
             there[kind] = store.names(*kind)
         for name in (row.net, row.additional):
             if name not in there[kind]:
-                where = store_path(*kind, store.root) / name
+                where = store_path(*kind, data) / name
                 raise InputError(f"row {row.scenario_id} (map {row.map_id}): {where}: no such scene file")
 
 

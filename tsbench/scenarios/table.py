@@ -3,23 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import asdict
 from functools import lru_cache
 from pathlib import Path
 from typing import Literal, get_args
 
 import pyarrow as pa
-import yaml
 
 from tsbench.core.errors import InputError
-from tsbench.core.files import write_atomic
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, read_rows, save_table
-from tsbench.core.paths import OWN_CITY, city_names, dataset_file, dataset_root, fetch_hint, source_city
 from tsbench.core.typed import read_typed
-from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.spec import CONTRAST, MOST_TICKS, SCHEMA_VERSION, SIGNED, ScenarioSpec
-from tsbench.signs.catalog import mirror_in_use
 
 SplitName = Literal["test", "dev", "holdout", "train"]
 SPLITS: tuple[str, ...] = get_args(SplitName)
@@ -30,35 +25,19 @@ SCHEMA = pa.schema(
 ).with_metadata({VERSION_KEY: str(SCHEMA_VERSION), **OSM_LICENCE})
 
 
-def table_path(split: str, root: Path | None = None) -> Path:
-    return dataset_file(f"scenarios/{split}.parquet") if root is None else root / f"{split}.parquet"
-
-
-def splits_there(root: Path | None = None) -> tuple[str, ...]:
-    """The splits whose tables are here: all but test are optional."""
-    return tuple(split for split in SPLITS if table_path(split, root).is_file())
-
-
 def write_table(specs: Iterable[ScenarioSpec], path: Path) -> None:
     """Write rows sorted by scenario id, so that a pair's halves are neighbours: the same rows give the same bytes."""
     rows = [asdict(s) | {"pair_id": s.pair_id or None} for s in sorted(specs, key=lambda s: s.scenario_id)]
     save_table(pa.Table.from_pylist(rows, schema=SCHEMA), path)
 
 
-def read_table(path: Path) -> list[ScenarioSpec]:
-    """Rows in the table's order. Raises InputError for a missing, broken or foreign file, and for impossible rows."""
-    own = source_city() == OWN_CITY
-    made = "brings the released one, tsbench scenarios build makes one" if own else "makes it"
-    hint = f"{fetch_hint(path.stem)} {made}"
-    there = splits_there(path.parent)
-    if not own and not there and source_city() not in city_names():
-        raise InputError(f"--city {source_city()}: no such city; there are {', '.join(city_names())}")
-    if not own and path.stem in SPLITS and path.stem not in there and there:
-        raise InputError(f"{path}: {source_city()} has no {path.stem} split; it has {', '.join(there)}")
+def read_table(path: Path, hint: str = "tsbench scenarios build makes one") -> list[ScenarioSpec]:
+    """Rows in the table's order, as they are stored. hint: where a table comes from.
+
+    Raises InputError for a missing, broken or foreign file, and for impossible rows.
+    """
     at = path.stat() if path.is_file() else None
-    specs = _read(path, hint, at and (at.st_ino, at.st_size, at.st_mtime_ns, at.st_ctime_ns))
-    mirror = mirror_in_use()
-    return list(specs) if mirror is None else [mirrored_row(spec, mirror) for spec in specs]
+    return list(_read(path, hint, at and (at.st_ino, at.st_size, at.st_mtime_ns, at.st_ctime_ns)))
 
 
 @lru_cache(maxsize=len(SPLITS))
@@ -96,18 +75,12 @@ def _problem(spec: ScenarioSpec) -> str:
     return ""
 
 
-def scene_editions(root: Path | None = None) -> dict[str, str]:
+def scene_editions(path: Path) -> dict[str, str]:
     """The edition that the scenes of each split are of, proven under its rules; {} without a file.
 
     Raises InputError for a file with anything else in it.
     """
-    path = dataset_file("scenarios/editions.yaml") if root is None else root / "editions.yaml"
     if not path.is_file():
         return {}
     found = read_typed(dict[SplitName, str], path, "list of editions")
     return {str(split): edition for split, edition in found.items()}
-
-
-def write_scene_editions(scenes: Mapping[str, str]) -> None:
-    """Write the edition of each split of the data in use down."""
-    write_atomic(dataset_root() / "scenarios" / "editions.yaml", yaml.safe_dump(dict(scenes)).encode())

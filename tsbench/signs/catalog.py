@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import data_file, mirrored_in_use, resolved
+from tsbench.core.paths import data_file, resolved
 from tsbench.signs.model import END_PLACES, Clause, RuleSpec, ScenarioType, Sign, Slot
 from tsbench.signs.parsing import parse_rule, parse_sign
 from tsbench.signs.rule_kinds import NEEDLESS, OF_NO_PLATE, RULE_KINDS, WRONG_WAY
@@ -116,19 +116,14 @@ class Catalog:
         return signs + [asdict(rule) for rule in (*rules, self.wrong_way)]
 
 
-def load_catalog(root: Path | None = None) -> Catalog:
+def load_catalog(root: Path | None = None, *, mirrored: bool = False) -> Catalog:
     """Read and check the whole catalogue; the same root is read once per process.
 
-    root: its folder; by default `sign_catalog/` of the data. Where the data set in use keeps to the left, signs have
-    the rules of their mirror images (`mirrored_signs`). Raises InputError, one line: file, key, what is wrong.
+    root: its folder; by default `sign_catalog/` of the data. mirrored: do signs have the rules of their mirror images
+    (`mirrored_signs`), as where traffic keeps to the left? Raises InputError, one line: file, key, what is wrong.
     """
     found = resolved(data_file("sign_catalog") if root is None else root)
-    return _left_hand(found) if mirrored_in_use() else _load(found)
-
-
-def mirror_in_use() -> Catalog | None:
-    """The catalogue of the data set in use where that is another one's mirror image, else None."""
-    return load_catalog() if mirrored_in_use() else None
+    return _left_hand(found) if mirrored else _load(found)
 
 
 @cache

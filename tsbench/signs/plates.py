@@ -11,6 +11,7 @@ from PIL import Image
 from resvg_py import svg_to_bytes
 
 from tsbench.core.errors import InputError
+from tsbench.core.paths import mirrored_in_use
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.countries import Country, country_in_use
 
@@ -82,7 +83,7 @@ def plate_rgba(
 
 def _shown(code: str, value: float | None, country: Country | None) -> tuple[Path, float | None]:
     """Of a plate: the file with its drawing, and the number that is printed on it."""
-    catalog = load_catalog()
+    catalog = load_catalog(mirrored=mirrored_in_use())
     sign, plates = catalog.sign(code), catalog.root / "plates"
     number = sign.effective_value(value)
     whose = country or country_in_use()

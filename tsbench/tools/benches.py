@@ -30,9 +30,9 @@ from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run.execution.fresh_episode import run_in_child
 from tsbench.run.isolation.isolated_loading import describe, load
 from tsbench.run.isolation.sandbox_paths import EXECUTABLE
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.ego import Motion, start_motion
 from tsbench.sim.navigation import Navigator
 from tsbench.sim.sumo import Simulation
@@ -67,7 +67,7 @@ class _Loops:
         self.runner = EpisodeRunner(resolve("idm"), heartbeat=self._beat)
         self._loop_began = 0.0
         self.sim: Simulation = self.runner.simulation
-        self.loader = SceneLoader()
+        self.loader = SceneLoader(DataSet.in_use())
 
     def _beat(self, phase: int) -> None:
         if phase == Phase.LOADING:
@@ -121,7 +121,7 @@ class _Loops:
 
 def bench_scenes(limit: int) -> list[ScenarioSpec]:
     """Test rows with traffic, of all types in turn, and about a dozen vehicles around the ego."""
-    rows = [s for s in read_table(table_path("test")) if s.density > 0]
+    rows = [s for s in DataSet.in_use().table("test") if s.density > 0]
     loops = _Loops()
     chosen: list[ScenarioSpec] = []
     by_type: dict[str, list[ScenarioSpec]] = {}
@@ -223,7 +223,7 @@ class FreshPrice:
 
 def bench_fresh(scenes: int, rounds: int) -> FreshPrice:
     """Drive scenes of dev both ways. Children come first: a worker that forks has played nothing itself."""
-    rows = sorted(choose(read_table(table_path("dev")), scenes), key=lambda row: row.net)
+    rows = sorted(choose(DataSet.in_use().table("dev"), scenes), key=lambda row: row.net)
     runner = EpisodeRunner(resolve(_PLANNER))
     for row in rows:
         runner.prepare(row)
@@ -279,8 +279,8 @@ class Price:
 
 def bench_isolation(planners: Sequence[str], scenes: int, rounds: int) -> list[Price]:
     """Raises InputError for a planner that does not come up."""
-    rows = choose(read_table(table_path("dev")), scenes)
-    loader = SceneLoader()
+    rows = choose(DataSet.in_use().table("dev"), scenes)
+    loader = SceneLoader(DataSet.in_use())
     with closing(Simulation()) as simulation:
 
         def took(runner: EpisodeRunner) -> float:
@@ -334,7 +334,7 @@ def bench_whole() -> float:
     """CPU ms of a tick of WHOLE's episodes with all that belongs to them, on scenes of the dev split: least of a few
     rounds.
     """
-    rows = choose(read_table(table_path("dev")), _SCENES)
+    rows = choose(DataSet.in_use().table("dev"), _SCENES)
     runner = EpisodeRunner(resolve(WHOLE))
     took = []
     for _ in range(_WHOLE_ROUNDS):

@@ -22,9 +22,9 @@ from tsbench.run.contract import SCORING
 from tsbench.run.edition import LOCAL, contract_now, edition_here, standing_contract
 from tsbench.run.isolation.isolated_loading import describe, load
 from tsbench.run.planner_info import PlannerInfo
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation
 from tsbench.tools.check_planner import choose, of_results
 
@@ -38,8 +38,8 @@ def check_submission(spec: str, count: int, split: str, on_progress: Callable[[s
     found, info = standing(spec, split)
     if info is None:
         return found
-    scenes = choose(read_table(table_path("dev")), count)
-    simulation, loader = Simulation(), SceneLoader()
+    scenes = choose(DataSet.in_use().table("dev"), count)
+    simulation, loader = Simulation(), SceneLoader(DataSet.in_use())
     with closing(simulation):
 
         def drive(rows: Sequence[ScenarioSpec]) -> list[EpisodeResult]:
@@ -66,8 +66,8 @@ def standing(spec: str, split: str) -> tuple[list[Finding], PlannerInfo | None]:
 
 
 def _contract(split: str) -> Finding:
-    contract = standing_contract(contract_now(split))
-    name = edition_here(contract)
+    contract = standing_contract(contract_now(DataSet(), split))
+    name = edition_here(contract, DataSet())
     if name.endswith(LOCAL):
         text = f"edition {name}: code or data were changed since the release: submit refuses what is driven with it"
         return Finding(Level.PROBLEM, "contract", text)

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 
 from tsbench.core.errors import InputError
 from tsbench.core.extras import install_command
-from tsbench.core.paths import fetch_hint
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
 
 if TYPE_CHECKING:
@@ -253,12 +253,12 @@ def check_sumo() -> Iterator[Diagnosis]:
 def simulate() -> None:
     """Load the first scene of the test split and step it for a second; prints what it did."""
     from tsbench.scenarios.scene_loader import load_scene
-    from tsbench.scenarios.table import read_table, table_path
     from tsbench.sim.sumo import Simulation
 
     try:
-        spec = read_table(table_path("test"))[0]
-        scene, sim = load_scene(spec), Simulation()
+        data = DataSet.in_use()
+        spec = data.table("test")[0]
+        scene, sim = load_scene(data, spec), Simulation()
         sim.load_scene(scene)
         for _ in range(10):
             sim.step()
@@ -269,43 +269,43 @@ def simulate() -> None:
 
 def check_data() -> Iterator[Diagnosis]:
     """Catalogue, pool and tables can be read; all scene files are there, and a sample has the hashes of its rows."""
-    from tsbench.scenarios.map_pool import known_map_ids, pool_file
-    from tsbench.scenarios.table import SPLITS, read_table, table_path
-    from tsbench.signs.catalog import load_catalog
+    from tsbench.scenarios.map_pool import known_map_ids
+    from tsbench.scenarios.table import SPLITS
 
-    catalog, maps = load_catalog(), known_map_ids(pool_file())
+    data = DataSet.in_use()
+    catalog, maps = data.catalog, known_map_ids(data.pool_path)
     signs = f"{len(catalog.signs)} signs, {len(catalog.types)} types, {len(maps)} maps"
-    yield Diagnosis(Status.OK, "data", f"{pool_file().parent.parent}: {signs}")
+    yield Diagnosis(Status.OK, "data", f"{data.pool_path.parent.parent}: {signs}")
     for split in SPLITS:
-        path = table_path(split)
+        path = data.table_path(split)
         if not path.is_file():
-            remedy = f"needed for --split {split} only: {fetch_hint(split)}"
+            remedy = f"needed for --split {split} only: {data.fetch_hint(split)}"
             yield Diagnosis(Status.NOTE, "data", f"{path}: not there", remedy)
             continue
-        rows = sorted(read_table(path), key=lambda row: row.scenario_id)
+        rows = sorted(data.table(split), key=lambda row: row.scenario_id)
         lost = [row for row in rows if row.map_id not in maps]
         if lost:
             text = f"{path}: map {lost[0].map_id} of {lost[0].scenario_id} is not in the pool"
             yield Diagnosis(Status.FAILED, "data", text, "fetch the repository's data again")
             continue
-        yield _files(path, rows)
+        yield _files(data, split, rows)
 
 
 def check_edition() -> Iterator[Diagnosis]:
     """Are rules, scenes, code and versions those that were released, and are the certificates those of the rows?"""
     from tsbench.run import edition
     from tsbench.run.contract import SCORING
-    from tsbench.scenarios.certificates import bases, certificates_path, read_certificates
-    from tsbench.scenarios.table import read_table, splits_there, table_path
+    from tsbench.scenarios.certificates import bases, certificates_of
 
-    earlier = edition.earlier_splits()
-    for split in splits_there():
+    data = DataSet.in_use()
+    earlier = edition.earlier_splits(data)
+    for split in data.splits:
         if split in earlier:
             text = f"the scenes of the {split} split are of {earlier[split]}"
             yield Diagnosis(Status.NOTE, "edition", text, "tsbench scenarios build makes those of today")
             continue
-        contract = edition.standing_contract(edition.contract_now(split))
-        name = edition.edition_here(contract)
+        contract = edition.standing_contract(edition.contract_now(data, split))
+        name = edition.edition_here(contract, data)
         text = f"{name}, contract of the {split} split {contract}"
         known = next(
             (one for one in edition.editions() if name in (one.name, one.name + edition.LOCAL)), None
@@ -321,13 +321,13 @@ def check_edition() -> Iterator[Diagnosis]:
             )
         else:
             yield Diagnosis(Status.OK, "edition", text)
-    path = certificates_path()
+    path = data.certificates_path
     if not path.is_file():
         yield Diagnosis(Status.NOTE, "edition", f"{path}: not there", "tsbench scenarios build makes it")
         return
-    there = [split for split in splits_there() if split not in earlier]
-    rows = [row for split in there for row in read_table(table_path(split))]
-    certificates = {c.scenario_id: c for c in read_certificates(path)}
+    there = [split for split in data.splits if split not in earlier]
+    rows = [row for split in there for row in data.table(split)]
+    certificates = {c.scenario_id: c for c in certificates_of(data)}
     proven = {name: certificate.basis for name, certificate in certificates.items()}
     void = [name for name, basis in bases(rows).items() if proven.get(name) != basis]
     judged = sorted({certificates[row.scenario_id].scoring for row in rows if row.scenario_id in proven})
@@ -343,17 +343,17 @@ def check_edition() -> Iterator[Diagnosis]:
         yield Diagnosis(Status.NOTE, "edition", text, "tsbench scenarios certify drives them again")
 
 
-def _files(table: Path, rows: list[ScenarioSpec]) -> Diagnosis:
+def _files(data: DataSet, split: str, rows: list[ScenarioSpec]) -> Diagnosis:
     """All files that the rows name are in the stores, and a sample of them has the rows' hashes."""
     from tsbench.core.xmlfile import sha256
     from tsbench.scenarios.store import SceneStore, store_path
 
-    split, store = table.stem, SceneStore(table.parent)
-    folder = store_path(split, "", table.parent).parent
+    store, table = SceneStore(data), f"{split}.parquet"
+    folder = data.file(f"scenarios/scenes/{split}")
     if not folder.is_dir():
         # Only those of the test split come with the package.
         status = Status.FAILED if split == "test" else Status.NOTE
-        return Diagnosis(status, "data", f"{folder}: no scene files here", fetch_hint(split))
+        return Diagnosis(status, "data", f"{folder}: no scene files here", data.fetch_hint(split))
     there = {kind: store.names(split, kind) for kind in sorted({row.pair_type for row in rows})}
     nets = {row.net: (row, row.net_sha256) for row in rows}
     named = nets | {row.additional: (row, row.additional_sha256) for row in rows}
@@ -361,15 +361,13 @@ def _files(table: Path, rows: list[ScenarioSpec]) -> Diagnosis:
     sample = [name for name in list(named)[:: max(len(named) // SAMPLE, 1)] if name not in missing]
     changed = [name for name in sample if sha256(store.read(named[name][0], name).content) != named[name][1]]
     if not missing and not changed:
-        text = (
-            f"{table.name}: {len(rows)} scenarios, all {len(named)} scene files there, {len(sample)} hashed"
-        )
+        text = f"{table}: {len(rows)} scenarios, all {len(named)} scene files there, {len(sample)} hashed"
         return Diagnosis(Status.OK, "data", text)
     first = (missing or changed)[0]
     told = f"{len(missing)} scene files missing, {len(changed)} of {len(sample)} hashed ones changed"
-    where = store_path(split, named[first][0].pair_type, table.parent) / first
+    where = store_path(split, named[first][0].pair_type, data) / first
     remedy = "fetch the repository's data again; tsbench scenarios verify names every file"
-    return Diagnosis(Status.FAILED, "data", f"{table.name}: {told}, first {where}", remedy)
+    return Diagnosis(Status.FAILED, "data", f"{table}: {told}, first {where}", remedy)
 
 
 CHECKS: Mapping[str, Callable[[], Iterator[Diagnosis]]] = {

@@ -23,9 +23,9 @@ from tsbench.planners.common.batching import Batched, Infer, Records
 from tsbench.planners.registry import resolve
 from tsbench.run.arithmetic import facts
 from tsbench.run.log.record import make_record
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation
 from tsbench.tools.diagnosis import Diagnosis, Status
 
@@ -54,8 +54,8 @@ def check_arithmetic(folder: Path = _FOLDER) -> Iterator[Diagnosis]:
     said = "as" if same_libm else "answers otherwise than"
     status, remedy = (Status.OK, "") if same_libm else (Status.NOTE, _REMEDY)
     yield Diagnosis(status, "libm", f"{said} where the reference was made", remedy)
-    rows = {row.scenario_id: row for row in read_table(table_path("test"))}
-    sim, loader = Simulation(), SceneLoader()
+    rows = {row.scenario_id: row for row in DataSet.in_use().table("test")}
+    sim, loader = Simulation(), SceneLoader(DataSet.in_use())
     for name in PLANNERS:
         wanted, told = reference["planners"][name], list[str]()
         if "answers" in wanted and answers_hash(name, folder) != wanted["answers"]:
@@ -76,7 +76,7 @@ def check_arithmetic(folder: Path = _FOLDER) -> Iterator[Diagnosis]:
 def write_reference(folder: Path = _FOLDER) -> list[Path]:
     """Make this machine's bytes the reference; returns the files written."""
     scenes = list(_scenes())
-    sim, loader = Simulation(), SceneLoader()
+    sim, loader = Simulation(), SceneLoader(DataSet.in_use())
     asked = {name: _questions(name, scenes, sim, loader) for name in NETWORKS}
     np.savez_compressed(folder / _ASKED, allow_pickle=False, **{k: _plain(v) for k, v in asked.items()})
     planners: dict[str, Any] = {}
@@ -119,7 +119,7 @@ def _digest(result: EpisodeResult) -> str:
 def _scenes() -> Iterator[ScenarioSpec]:
     """The first scene with traffic of each of a few types."""
     split, types = _EPISODES
-    rows = read_table(table_path(split))
+    rows = DataSet.in_use().table(split)
     for kind in types:
         yield next(row for row in rows if row.scenario_type == kind and row.density > 0)
 

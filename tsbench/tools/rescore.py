@@ -23,12 +23,11 @@ from tsbench.rules.monitors import make_monitors
 from tsbench.run.edition import contract_now, standing_contract
 from tsbench.run.log.folder import SUMMARY
 from tsbench.run.log.journal import Key
-from tsbench.run.log.manifest import Manifest, marks_of, planners_of, read_manifest
+from tsbench.run.log.manifest import Manifest, city_of, marks_of, planners_of, read_manifest
 from tsbench.run.log.record import Row, score
 from tsbench.run.log.tables import read_table
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
-from tsbench.scenarios.table import read_table as read_scenarios
-from tsbench.scenarios.table import table_path
 from tsbench.sim.ego import Motion, advance, start_motion
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S, EgoState
@@ -117,11 +116,12 @@ def rescore(folder: Path) -> Rescore:
         else:
             lines.append(f"{key[0]} {key[1]}: an event of an episode that is not in the table")
     split = manifest["effective"]["split"]
-    table, now = read_scenarios(table_path(split)), standing_contract(contract_now(split))
+    data = DataSet.named(city_of(manifest))
+    table, now = data.table(split), standing_contract(contract_now(data, split))
     known = (
         {spec.scenario_id: spec for spec in table} if now == standing_contract(manifest["contract"]) else None
     )
-    judge = Judge()
+    judge = Judge(data)
     judged = 0
     for key, row in rows.items():
         path = trace_path(folder, *key)
@@ -160,8 +160,8 @@ def _had_trace(row: Row, events: list[Row], kept: str) -> bool:
 class Judge:
     """Monitors and metrics run on traces."""
 
-    def __init__(self) -> None:
-        self._loader = SceneLoader()
+    def __init__(self, data: DataSet) -> None:
+        self._loader = SceneLoader(data)
 
     def compare(self, trace: Trace, key: Key, row: Row, events: list[Row]) -> Iterator[str]:
         """What differs between an episode's record and its trace judged again."""

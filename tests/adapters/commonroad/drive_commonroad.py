@@ -16,8 +16,8 @@ from tsbench.adapters.commonroad.scenario import forecast, walls
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Observation, PlannerContext, SignView, Trajectory
 from tsbench.planners.registry import LoadedPlanner
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 
 warnings.simplefilter("ignore")
@@ -49,7 +49,7 @@ class Watched(Reactive):
 
 
 def row(kind: str, contrast: bool) -> ScenarioSpec:
-    rows = read_table(table_path("dev"))
+    rows = DataSet.in_use().table("dev")
     return next(r for r in rows if r.scenario_type == kind and (r.half == CONTRAST) == contrast)
 
 

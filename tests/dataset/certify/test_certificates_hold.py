@@ -11,47 +11,61 @@ from tsbench.dataset.certify.certifier import Certifier
 from tsbench.dataset.certify.recertify import draw_sample
 from tsbench.dataset.scenes.verify import verify_certificates
 from tsbench.run.edition import earlier_splits
-from tsbench.scenarios.certificates import Certificate, bases, certificates_path, read_certificates
+from tsbench.scenarios.certificates import (
+    Certificate,
+    bases,
+    certificates_of,
+)
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, splits_there, table_path
 from tsbench.signs.catalog import load_catalog
 
 
 @pytest.fixture(scope="module")
 def rows() -> list[ScenarioSpec]:
-    return [row for split in splits_there() for row in read_table(table_path(split))]
+    return [row for split in DataSet.in_use().splits for row in DataSet.in_use().table(split)]
 
 
 @pytest.fixture(scope="module")
 def today(rows: list[ScenarioSpec]) -> list[ScenarioSpec]:
     """Those of the last edition: the rules that proved the others are no longer here."""
-    found = [row for row in rows if row.split not in earlier_splits()]
+    found = [row for row in rows if row.split not in earlier_splits(DataSet.in_use())]
     assert found
     return found
 
 
 @pytest.fixture(scope="module")
 def proofs() -> dict[str, Certificate]:
-    return {c.scenario_id: c for c in read_certificates(certificates_path())}
+    return {c.scenario_id: c for c in certificates_of(DataSet.in_use())}
 
 
 @pytest.fixture(scope="module")
 def prover() -> Certifier:
-    return Certifier(simulation(), SceneLoader())
+    return Certifier(simulation(), SceneLoader(DataSet.in_use()))
 
 
 def test_every_certificate_is_of_its_row(rows: list[ScenarioSpec]) -> None:
-    assert verify_certificates(rows, None) == []
+    assert (
+        verify_certificates(rows, certificates_of(DataSet.in_use()), earlier_splits(DataSet.in_use())) == []
+    )
 
 
 @pytest.mark.slow
 def test_a_changed_row_has_no_certificate_any_more(today: list[ScenarioSpec]) -> None:
     first = today[0]
-    ((name, problem),) = verify_certificates([replace(first, additional_sha256="0" * 64)], None)
+    ((name, problem),) = verify_certificates(
+        [replace(first, additional_sha256="0" * 64)],
+        certificates_of(DataSet.in_use()),
+        earlier_splits(DataSet.in_use()),
+    )
     assert name == first.scenario_id
     assert "its certificate is of another row or SUMO" in problem
-    ((_, problem),) = verify_certificates([replace(first, scenario_id="new")], None)
+    ((_, problem),) = verify_certificates(
+        [replace(first, scenario_id="new")],
+        certificates_of(DataSet.in_use()),
+        earlier_splits(DataSet.in_use()),
+    )
     assert "has no certificate" in problem
 
 

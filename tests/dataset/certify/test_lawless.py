@@ -11,8 +11,8 @@ from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Control, Observation
 from tsbench.planners.registry import resolve
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 
 world = importlib.import_module("simworld")
 
@@ -30,7 +30,7 @@ def parked(observation: Observation) -> Control:
 def rows_of_each_type() -> dict[str, list[ScenarioSpec]]:
     """One variant, another one each time, of some maps of every type in the test table; the halves that tempt."""
     found: dict[str, dict[str, ScenarioSpec]] = {}
-    for row in (row for row in read_table(table_path("test")) if row.half == SIGNED):
+    for row in (row for row in DataSet.in_use().table("test") if row.half == SIGNED):
         maps = found.setdefault(row.scenario_type, {})
         if row.map_id not in maps and len(maps) < MAPS_EACH and row.variant == len(maps) % 10:
             maps[row.map_id] = row

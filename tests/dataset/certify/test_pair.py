@@ -22,6 +22,7 @@ from tsbench.scenarios.certificates import (
     read_certificates,
     write_certificates,
 )
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
 from tsbench.scenarios.store import SceneFolder
@@ -62,7 +63,7 @@ def pair(
 
 
 def certifier(root: Path) -> Certifier:
-    return Certifier(simulation(), SceneLoader(SceneFolder(root)))
+    return Certifier(simulation(), SceneLoader(DataSet.in_use(), SceneFolder(root)))
 
 
 def prove(maker: SceneMaker, halves: Pair) -> list[Certificate]:

@@ -17,7 +17,7 @@ from tsbench.dataset.scenes.map_scenarios import SiteBuilder
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.run.edition import editions
 from tsbench.scenarios.map_pool import read_pool
-from tsbench.scenarios.table import read_table, scene_editions, table_path
+from tsbench.scenarios.table import read_table, scene_editions
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
 
@@ -64,7 +64,7 @@ def test_maps_give_the_scenes_of_their_edition(osm: Path, workplace: Path, tmp_p
     scenarios = REPOSITORY / "scenarios"
     (workplace / "scenarios").mkdir(exist_ok=True)
     shutil.copy(scenarios / "nuplan_statistics.json", workplace / "scenarios")
-    rows = read_table(table_path("test", scenarios))
+    rows = read_table(scenarios / "test.parquet")
     pool = {row.map_id: row for row in read_pool(REPOSITORY / "sumo_nets" / "pool.parquet")}
     maps = sorted({r.map_id for r in rows if r.pair_type == TYPE and pool[r.map_id].source == EXTRACT})
     assert maps
@@ -72,7 +72,7 @@ def test_maps_give_the_scenes_of_their_edition(osm: Path, workplace: Path, tmp_p
     builder, source = SiteBuilder(recipe, tmp_path, Simulation()), load_source(EXTRACT, osm)
     for one in maps:
         built = builder.build(pool[one], source, "test")
-        if scene_editions(scenarios)["test"] != editions()[-1].name and built.reason:
+        if scene_editions(scenarios / "editions.yaml")["test"] != editions()[-1].name and built.reason:
             continue  # The rules of a later edition refuse the map.
         assert built.reason == ""
         shipped = {r.scenario_id: r for r in rows if r.map_id == one and r.pair_type == TYPE}
@@ -83,4 +83,4 @@ def test_maps_give_the_scenes_of_their_edition(osm: Path, workplace: Path, tmp_p
             for row, one in ((row, shipped[row.scenario_id]) for row in built.rows)
         ]
         # Scenes of an earlier edition were drawn by its rules.
-        assert all(same) is (scene_editions(scenarios)["test"] == editions()[-1].name)
+        assert all(same) is (scene_editions(scenarios / "editions.yaml")["test"] == editions()[-1].name)

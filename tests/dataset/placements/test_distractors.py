@@ -20,6 +20,7 @@ from tsbench.dataset.scenes.place_lint import lint_places
 from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.dataset.scenes.variants import variants_of
 from tsbench.roads.lane_graph import LaneGraph
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.store import SceneFolder
@@ -71,7 +72,7 @@ def build(type_id: str, made: tuple[PoolRow, PlainNet], root: Path) -> list[Scen
         builder = SiteBuilder(load_recipe(type_id, load_catalog()), root, simulation())
         site = builder.build(row, None, "train")  # type: ignore[arg-type]
     assert site.reason == ""
-    loader = SceneLoader(SceneFolder(root))
+    loader = SceneLoader(DataSet.in_use(), SceneFolder(root))
     return [loader.load(spec)[0] for spec in site.rows]
 
 

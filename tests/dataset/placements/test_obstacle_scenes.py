@@ -26,6 +26,7 @@ from tsbench.planners.registry import resolve
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.run.log.record import Row, score
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
@@ -236,7 +237,7 @@ def test_scenes_are_sound_and_nobody_else_enters_the_closed_road(
     root, rows = site
     for type_id, specs in rows.items():
         for spec in specs:
-            scene, roads = SceneLoader(SceneFolder(root)).load(spec)
+            scene, roads = SceneLoader(DataSet.in_use(), SceneFolder(root)).load(spec)
             assert list(lint_scene(scene, roads.graph)) == []
             if type_id == "blocked_road" and spec.variant:
                 closed = {scene.target_sign.edge, scene.target_sign.edge.replace("out", "in")}
@@ -247,7 +248,7 @@ def test_scenes_are_sound_and_nobody_else_enters_the_closed_road(
 
 def drive(root: Path, spec: ScenarioSpec, planner: str, folder: Path) -> tuple[Trace, Row, list[Row]]:
     """An episode's trace, and its row and events as a run records them."""
-    loader = SceneLoader(SceneFolder(root))
+    loader = SceneLoader(DataSet.in_use(), SceneFolder(root))
     result = EpisodeRunner(resolve(planner), simulation=simulation(), loader=loader).run(spec)
     assert result.facts is not None, result.error
     row, events = score(spec, planner, False, result.facts)
@@ -281,7 +282,7 @@ def test_a_held_stop_is_judged_alike_from_the_trace(
     speeds = [s.ego.speed for s in trace.snapshots]
     assert max(speeds[-31:]) <= 0.5 < speeds[-32]
     judge = Judge()
-    monkeypatch.setattr(judge, "_loader", SceneLoader(SceneFolder(root)))
+    monkeypatch.setattr(judge, "_loader", SceneLoader(DataSet.in_use(), SceneFolder(root)))
     key = ("idm-e", spec.scenario_id)
     assert list(judge.compare(trace, key, row, events)) == []
     # A trace that is cut off before the stop is complete, or says more than happened, does not pass.

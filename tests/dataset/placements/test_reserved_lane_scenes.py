@@ -25,6 +25,7 @@ from tsbench.dataset.scenes.map_scenarios import SiteBuilder
 from tsbench.dataset.scenes.variants import Variant, variants_of
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.store import SceneFolder
@@ -308,7 +309,7 @@ def test_a_site_is_sound_and_its_users_are_there(
     monkeypatch.setattr(site_module, "variants_of", lambda *names: variants_of(*names)[:2])
     site = SiteBuilder(recipe_of(type_id), tmp_path, simulation()).build(MADE[type_id][0], None, "test")  # type: ignore[arg-type]
     assert site.reason == ""
-    loader, sim = SceneLoader(SceneFolder(tmp_path)), simulation()
+    loader, sim = SceneLoader(DataSet.in_use(), SceneFolder(tmp_path)), simulation()
     for spec in site.rows:
         scene, roads = loader.load(spec)
         assert list(lint_scene(scene, roads.graph)) == []

@@ -23,6 +23,7 @@ from tsbench.dataset.scenes.placed_plates import scene_vehicles
 from tsbench.dataset.scenes.variants import INITIAL_SPEEDS_MPS, Variant, variants_of
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.catalog import load_catalog
@@ -293,7 +294,7 @@ def test_a_site_is_sound_and_has_only_oncoming_vehicles_that_keep_the_lower_limi
     site = SiteBuilder(recipe_of(type_id), tmp_path, simulation()).build(MADE[type_id][0], None, "test")  # type: ignore[arg-type]
     assert site.reason == ""
     for row in site.rows:
-        scene, roads = SceneLoader(SceneFolder(tmp_path)).load(row)
+        scene, roads = SceneLoader(DataSet.in_use(), SceneFolder(tmp_path)).load(row)
         assert list(lint_scene(scene, roads.graph)) == []
         others = [v for v in scene_vehicles(scene) if v.id != EGO_ID]
         assert bool(others) == bool(row.density) == (type_id != "min_speed")

@@ -22,6 +22,7 @@ from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.idm import Idm, IdmParameters
 from tsbench.planners.registry import LoadedPlanner
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
@@ -68,7 +69,7 @@ def built(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
         patch.setattr(
             site_module, "variants_of", lambda *n: [v for v in variants_of(*n) if v.density < most][1:2]
         )
-        prover = Certifier(simulation(), SceneLoader(SceneFolder(root)))
+        prover = Certifier(simulation(), SceneLoader(DataSet.in_use(), SceneFolder(root)))
         site = SiteBuilder(recipe, root, simulation(), prover).build(row, None, "train")  # type: ignore[arg-type]
     assert site.reason == ""
     return Built(site, root)
@@ -146,7 +147,9 @@ class Doubter:
 @pytest.mark.parametrize("driver", [Crawler, Doubter])
 def test_who_hesitates_does_not_pass_both(built: Built, driver: type[Crawler | Doubter]) -> None:
     planner = LoadedPlanner("blind", lambda **_: driver())
-    runner = EpisodeRunner(planner, simulation=simulation(), loader=SceneLoader(SceneFolder(built.root)))
+    runner = EpisodeRunner(
+        planner, simulation=simulation(), loader=SceneLoader(DataSet.in_use(), SceneFolder(built.root))
+    )
     for pair in built.pairs:
         results = [runner.run(spec) for spec in pair]
         assert all(r.facts is not None for r in results), results[0].error

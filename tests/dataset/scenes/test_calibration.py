@@ -25,6 +25,7 @@ from tsbench.dataset.scenes.variants import INITIAL_SPEEDS_MPS, variants_of
 from tsbench.report.analyses.traffic_calibration import calibration
 from tsbench.report.tables.charts import save_chart
 from tsbench.roads.lane_graph import Destination
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder
@@ -105,7 +106,9 @@ def busy(on_road: SceneMaker) -> ScenarioSpec:
 
 def test_speeds_are_those_of_moving_background_cars(busy: ScenarioSpec, net_folder: Path) -> None:
     seen: list[int] = []
-    speeds = driven_speeds([busy, busy], simulation(), SceneLoader(SceneFolder(net_folder)), seen.append)
+    speeds = driven_speeds(
+        [busy, busy], simulation(), SceneLoader(DataSet.in_use(), SceneFolder(net_folder)), seen.append
+    )
     assert seen == [1, 2]
     # 200 m at 6 m/s, every half second, two cars, twice.
     assert len(speeds) == pytest.approx(2 * 2 * 60, abs=12)

@@ -30,7 +30,7 @@ from tsbench.dataset.scenes.recipe import Recipe, load_recipe
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path
-from tsbench.scenarios.table import SPLITS, read_table, table_path
+from tsbench.scenarios.table import SPLITS, read_table
 from tsbench.signs.catalog import load_catalog
 
 QUOTA = {"straight/2": 8, "straight/3": 8, "curved/2": 4, "curved/3": 4}
@@ -261,7 +261,7 @@ def test_a_build_ends_with_tables_and_stores_the_same_bytes_again(
     waiting = iter(pools)
     monkeypatch.setattr(build_module, "read_pool", lambda _: rows)
     monkeypatch.setattr(build_module, "split_pool", lambda *_: sides)
-    monkeypatch.setattr(build_module, "load_recipes", lambda _: [recipe()])
+    monkeypatch.setattr(build_module, "load_recipes", lambda *_: [recipe()])
     monkeypatch.setattr(parallel, "ProcessPoolExecutor", lambda *_, **__: next(waiting))
 
     def build(root: Path) -> dict[str, bytes]:
@@ -274,9 +274,9 @@ def test_a_build_ends_with_tables_and_stores_the_same_bytes_again(
         f"scenes/{split}/detour_right.parquet" for split in SPLITS
     }
     store = SceneStore(tmp_path / "a")
-    assert read_table(table_path("dev", tmp_path / "a")) == []
+    assert read_table(tmp_path / "a" / "dev.parquet") == []
     for split in ("train", "test"):
-        table = read_table(table_path(split, tmp_path / "a"))
+        table = read_table(tmp_path / "a" / f"{split}.parquet")
         assert {r.place for r in table} == {min(r.map_id for r in table)}, "one OSM way"
         assert len(table) == (24 if split == "train" else 6)
         named = {name for r in table for name in (r.net, r.additional)}

@@ -18,6 +18,7 @@ from tsbench.dataset.scenes.traffic import Car
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
 from tsbench.roads.planner_map import build_planner_map
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.annotations import SignInstance
@@ -40,7 +41,7 @@ def problems(
         "linted", start, end, route, sign or plate(made.network, "ta", 139.0), cars=cars, obstacles=obstacles,
         convoy_at=convoy_at, change=add_compliant if compliant else None,
     )  # fmt: skip
-    scene, roads = SceneLoader(SceneFolder(made.root)).load(spec)
+    scene, roads = SceneLoader(DataSet.in_use(), SceneFolder(made.root)).load(spec)
     return list(lint_scene(scene, roads.graph))
 
 

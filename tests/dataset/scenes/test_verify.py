@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 from episode_builders import spec
 
-from tsbench.dataset.scenes import verify
 from tsbench.dataset.scenes.verify import verify_certificates, verify_pairs
-from tsbench.scenarios.certificates import Certificate, certificates_path, write_certificates
+from tsbench.scenarios.certificates import Certificate
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
 
 SIGNED = replace(spec("speed_limit-a-v0"), pair_id="speed_limit-a-v0")
@@ -35,37 +33,35 @@ def certificate(row: ScenarioSpec, **fields: object) -> Certificate:
     return replace(told, **{**SOUND, **fields})  # type: ignore[arg-type]
 
 
-def problems(root: Path, *rows: ScenarioSpec, **fields: object) -> list[tuple[str, str]]:
-    write_certificates(
-        [certificate(row, **fields) for row in {r.scenario_id: r for r in rows}.values()],
-        certificates_path(root),
+def problems(*rows: ScenarioSpec, **fields: object) -> list[tuple[str, str]]:
+    return verify_pairs(
+        rows, [certificate(row, **fields) for row in {r.scenario_id: r for r in rows}.values()]
     )
-    return verify_pairs(rows, root)
 
 
-def test_a_sound_pair_and_a_row_without_one(tmp_path: Path) -> None:
+def test_a_sound_pair_and_a_row_without_one() -> None:
     alone = replace(SIGNED, scenario_id="stop-a-v0", pair_id="")
-    assert problems(tmp_path, SIGNED, OTHER, alone, exclusive=True) == []
-    assert problems(tmp_path, SIGNED, OTHER, differs_s=4.0, brake_mps2=6.0) == []
+    assert problems(SIGNED, OTHER, alone, exclusive=True) == []
+    assert problems(SIGNED, OTHER, differs_s=4.0, brake_mps2=6.0) == []
 
 
 @pytest.mark.parametrize(
     "rows", [(SIGNED,), (OTHER,), (OTHER, SIGNED), (SIGNED, replace(SIGNED, scenario_id="x"))]
 )
-def test_halves_that_are_not_side_by_side(tmp_path: Path, rows: tuple[ScenarioSpec, ...]) -> None:
+def test_halves_that_are_not_side_by_side(rows: tuple[ScenarioSpec, ...]) -> None:
     said = ("speed_limit-a-v0", "is not one signed row and, next to it, one contrast row")
-    assert problems(tmp_path, *rows) == [said]
+    assert problems(*rows) == [said]
     alone = replace(SIGNED, scenario_id="stop-a-v0", pair_id="stop-a-v0")
-    assert said in problems(tmp_path, SIGNED, alone, OTHER)
+    assert said in problems(SIGNED, alone, OTHER)
 
 
 @pytest.mark.parametrize(
     ("name", "value"),
     [("variant", 1), ("split", "train"), ("seed", 8), ("layout", 1), ("horizon", 601), ("place", "p")],
 )
-def test_halves_of_two_draws(tmp_path: Path, name: str, value: object) -> None:
+def test_halves_of_two_draws(name: str, value: object) -> None:
     other = replace(OTHER, **{name: value})  # type: ignore[arg-type]
-    assert problems(tmp_path, SIGNED, other) == [("speed_limit-a-v0", f"the halves differ in {name}")]
+    assert problems(SIGNED, other) == [("speed_limit-a-v0", f"the halves differ in {name}")]
 
 
 @pytest.mark.parametrize(
@@ -78,25 +74,20 @@ def test_halves_of_two_draws(tmp_path: Path, name: str, value: object) -> None:
         ({"differs_s": 4.0, "brake_mps2": 5.9}, "who watches the others can still stop with 5.9 m/s2"),
     ],
 )
-def test_a_pair_that_measures_nothing(tmp_path: Path, fields: dict[str, object], words: str) -> None:
-    assert problems(tmp_path, SIGNED, OTHER, **fields) == [
-        (row.scenario_id, words) for row in (SIGNED, OTHER)
-    ]
+def test_a_pair_that_measures_nothing(fields: dict[str, object], words: str) -> None:
+    assert problems(SIGNED, OTHER, **fields) == [(row.scenario_id, words) for row in (SIGNED, OTHER)]
 
 
-def test_only_the_signed_half_has_to_tempt(tmp_path: Path) -> None:
+def test_only_the_signed_half_has_to_tempt() -> None:
     said = [(SIGNED.scenario_id, "idm keeps the rule of the signed half")]
-    assert problems(tmp_path, SIGNED, OTHER, tempting=False) == said
+    assert problems(SIGNED, OTHER, tempting=False) == said
 
 
-def test_certificates_of_an_earlier_edition_are_not_asked_what_they_were_about(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    write_certificates([certificate(SIGNED)], certificates_path(tmp_path))
-    ((_, said),) = verify_certificates([SIGNED], tmp_path)
+def test_certificates_of_an_earlier_edition_are_not_asked_what_they_were_about() -> None:
+    proofs = [certificate(SIGNED)]
+    ((_, said),) = verify_certificates([SIGNED], proofs, ())
     assert "is of another row or SUMO" in said
-    monkeypatch.setattr(verify, "earlier_splits", lambda root: {"test": "2026.1"})
-    assert verify_certificates([SIGNED], tmp_path) == []
-    assert verify_certificates([OTHER], tmp_path) == [
+    assert verify_certificates([SIGNED], proofs, {"test"}) == []
+    assert verify_certificates([OTHER], proofs, {"test"}) == [
         (OTHER.scenario_id, "has no certificate (tsbench scenarios build makes it)")
     ]

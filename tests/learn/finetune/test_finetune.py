@@ -29,8 +29,8 @@ from tsbench.planners.plant2.planner_ft import Plant2Blind, Plant2Ft
 from tsbench.planners.plant2.plant2_network import Plant2Network
 from tsbench.planners.plant2.vocabulary import vocabulary_of
 from tsbench.planners.weights import load_weights
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import HALVES, ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 
 pytestmark = pytest.mark.slow
 
@@ -43,7 +43,7 @@ def one_thread() -> None:
 
 @pytest.fixture(scope="module")
 def rows() -> list[ScenarioSpec]:
-    return read_table(table_path("test"))
+    return DataSet.in_use().table("test")
 
 
 @pytest.fixture(scope="module")

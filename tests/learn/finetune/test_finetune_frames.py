@@ -26,9 +26,9 @@ from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.planner_ft import Plant2Ft
 from tsbench.planners.plant2.vocabulary import vocabulary_of
 from tsbench.planners.registry import resolve
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, HALVES, ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
@@ -50,7 +50,7 @@ class Recording:
 
 @pytest.fixture(scope="module")
 def row() -> ScenarioSpec:
-    return next(r for r in read_table(table_path("test")) if r.scenario_type == "stop" and r.variant == 0)
+    return next(r for r in DataSet.in_use().table("test") if r.scenario_type == "stop" and r.variant == 0)
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +121,7 @@ def test_a_drive_that_disobeyed_teaches_nothing(row: ScenarioSpec, drivers: Driv
 
 def half(drivers: Drivers, kind: str, name: str, planner: str) -> DriveResult:
     """A planner's drive of one half of a pair of this type."""
-    rows = read_table(table_path("test"))
+    rows = DataSet.in_use().table("test")
     row = next(r for r in rows if r.pair_type == kind and r.half == name and r.variant == 0)
     driven = PlannerDrive(row, planner).run(drivers)
     assert driven is not None

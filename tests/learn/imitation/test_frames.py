@@ -27,9 +27,9 @@ from tsbench.learn.imitation.frames_store import (
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.tokens import Tokeniser
 from tsbench.planners.registry import resolve
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import WorldSnapshot
 
@@ -38,12 +38,12 @@ SOURCE = ImitationSource(Sampling())
 
 @pytest.fixture(scope="module")
 def row() -> ScenarioSpec:
-    return next(r for r in read_table(table_path("test")) if r.scenario_type == "yield" and r.variant == 3)
+    return next(r for r in DataSet.in_use().table("test") if r.scenario_type == "yield" and r.variant == 3)
 
 
 @pytest.fixture(scope="module")
 def drive(row: ScenarioSpec) -> tuple[EpisodeResult, Roads]:
-    loader, simulation = SceneLoader(), Simulation()
+    loader, simulation = SceneLoader(DataSet.in_use()), Simulation()
     result = EpisodeRunner(resolve("idm"), simulation=simulation, loader=loader).run(row)
     simulation.close()
     return result, loader.load(row)[1]

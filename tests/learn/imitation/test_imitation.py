@@ -30,8 +30,8 @@ from tsbench.learn.learning_curve import read_rows
 from tsbench.planners.plant2 import layout as at
 from tsbench.planners.plant2.plant2_network import Plant2Network
 from tsbench.planners.weights import load_weights
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import HALVES, ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 
 pytestmark = pytest.mark.slow
 
@@ -40,7 +40,7 @@ SKILLS = [Skill(4, a, 0.0, 0.0, 1.0 - a, 0.0, 0.5) for a in (0.5, 0.9, 0.7)]
 
 @pytest.fixture(scope="module")
 def rows() -> list[ScenarioSpec]:
-    return read_table(table_path("test"))
+    return DataSet.in_use().table("test")
 
 
 def made_up(count: int, seed: int = 0) -> at.Records:

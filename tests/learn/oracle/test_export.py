@@ -25,12 +25,12 @@ from tsbench.learn.oracle.trajectories import (
     write_trajectories,
 )
 from tsbench.planners.registry import LoadedPlanner, resolve
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import HALVES
-from tsbench.scenarios.table import read_table, table_path
 
 
 def driven(half: str) -> Recorded:
-    row = next(r for r in read_table(table_path("dev")) if r.pair_type == "speed_limit" and r.half == half)
+    row = next(r for r in DataSet.in_use().table("dev") if r.pair_type == "speed_limit" and r.half == half)
     planner = QuantisedPlanner(resolve("idm").factory)
     result = EpisodeRunner(LoadedPlanner("idm", lambda: planner)).run(row)
     assert result.facts is not None

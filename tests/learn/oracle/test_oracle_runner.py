@@ -23,9 +23,9 @@ from tsbench.planners.idm import Idm
 from tsbench.planners.registry import names, resolve
 from tsbench.run.plan import Request
 from tsbench.run.run_progress import ProgressWatcher
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation
 
 
@@ -68,7 +68,7 @@ class Never(Moody):
 
 @pytest.fixture(scope="module")
 def table() -> list[ScenarioSpec]:
-    return read_table(table_path("train"))
+    return DataSet.in_use().table("train")
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +91,11 @@ def good(row: ScenarioSpec, attempt: int) -> bool:
 def runner(name: str, sumo: Simulation, rows: list[ScenarioSpec], most: int) -> OracleRunner:
     probe = next(row for row in rows if good(row, 0) != good(row, 1))
     return OracleRunner(
-        resolve(f"{__file__}:{name}"), most=most, probe=asdict(probe), simulation=sumo, loader=SceneLoader()
+        resolve(f"{__file__}:{name}"),
+        most=most,
+        probe=asdict(probe),
+        simulation=sumo,
+        loader=SceneLoader(DataSet.in_use()),
     )
 
 

@@ -24,6 +24,7 @@ from tsbench.report.analyses.analysis import to_csv, write_analysis
 from tsbench.run.log.manifest import new_manifest
 from tsbench.run.log.record import Record, Row, error_row
 from tsbench.run.planner_info import PlannerInfo
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
 
 PLANNERS = [
@@ -37,7 +38,7 @@ def collection(
     folder: Path, table: list[ScenarioSpec], planners: list[PlannerInfo] = PLANNERS, redrive: bool = False
 ) -> Collection:
     effective = {"collection": KIND, "split": "train", "tries": 4}
-    manifest = new_manifest(basis(), {}, effective, planners)
+    manifest = new_manifest(basis(DataSet.in_use()), {}, effective, planners)
     return Collection(folder, manifest, table, planners, redrive)
 
 
@@ -218,7 +219,7 @@ def test_select_refuses_in_one_line(full: Path, rows: list[ScenarioSpec], what: 
         manifest.write_text(text.replace('"complete"', '"interrupted"'))
         told = "is not finished"
     elif what == "contract":
-        manifest.write_text(text.replace(basis(), "0" * 64))
+        manifest.write_text(text.replace(basis(DataSet.in_use()), "0" * 64))
         told = "was collected with other rules or another SUMO"
     elif what == "rows":
         with closing(collection(folder, [replace(rows[0], seed=1)])) as made:

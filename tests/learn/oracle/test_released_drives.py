@@ -13,6 +13,7 @@ import pytest
 
 from tsbench.learn.oracle.collect import experts
 from tsbench.learn.oracle.trajectories import Recorded, Replayer, stream_trajectories
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.sumo import Simulation
@@ -24,7 +25,7 @@ DRIVES = list(stream_trajectories(TABLE))
 @pytest.fixture(scope="module")
 def replayer() -> Iterator[Replayer]:
     simulation = Simulation()
-    yield Replayer(simulation, SceneLoader())
+    yield Replayer(simulation, SceneLoader(DataSet.in_use()))
     simulation.close()
 
 

@@ -28,9 +28,9 @@ from tsbench.learn.oracle.trajectories import (
     write_trajectories,
 )
 from tsbench.planners.registry import resolve
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_DECEL_MPS2, MAX_STEER_RAD, Motion, advance
 from tsbench.sim.sumo import Simulation
 
@@ -48,7 +48,7 @@ class DriveResult:
 @pytest.fixture(scope="module")
 def row() -> ScenarioSpec:
     """A lane for buses ahead: the expert changes lanes early and says so."""
-    return next(r for r in read_table(table_path("train")) if r.scenario_type == "bus_lane")
+    return next(r for r in DataSet.in_use().table("train") if r.scenario_type == "bus_lane")
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def sumo() -> Iterator[Simulation]:
 
 @pytest.fixture(scope="module")
 def drive(row: ScenarioSpec, sumo: Simulation) -> tuple[EpisodeResult, Recorded]:
-    runner = DriveResult(sumo, SceneLoader())
+    runner = DriveResult(sumo, SceneLoader(DataSet.in_use()))
     result = runner.run(row)
     assert result.facts is not None, result.detail
     ego, others = fingerprints(result.facts.snapshots)
@@ -77,7 +77,7 @@ def test_a_replay_is_the_drive_bit_for_bit(
     result, recorded = drive
     write_trajectories([recorded], tmp_path / "drives.parquet")
     (read,) = stream_trajectories(tmp_path / "drives.parquet")
-    facts = Replayer(sumo, SceneLoader()).replay(read, row)
+    facts = Replayer(sumo, SceneLoader(DataSet.in_use())).replay(read, row)
     assert read.intents
     assert result.facts is not None
     assert len(facts.snapshots) == len(result.facts.snapshots) > 100
@@ -109,7 +109,7 @@ def test_another_drive_is_no_replay(
     """The error says which drive, and in what it differs."""
     other = replace(drive[1], **change)  # type: ignore[arg-type]
     with pytest.raises(SimulationError, match=rf"{other.scenario_id}: idm-s4-e, attempt 0: .*{told}"):
-        Replayer(sumo, SceneLoader()).replay(other, row)
+        Replayer(sumo, SceneLoader(DataSet.in_use())).replay(other, row)
 
 
 def test_the_table_gives_back_what_was_written(drive: tuple[EpisodeResult, Recorded], tmp_path: Path) -> None:
@@ -134,7 +134,7 @@ def test_a_table_without_drives(tmp_path: Path) -> None:
     write_trajectories([], tmp_path / "none.parquet")
     assert list(stream_trajectories(tmp_path / "none.parquet")) == []
     with pytest.raises(InputError, match=r"is missing|schema version"):
-        list(stream_trajectories(table_path("train")))
+        list(stream_trajectories(DataSet.in_use().table_path("train")))
 
 
 @given(st.floats(-1e6, 1e6), st.floats(-1e3, 1e3))

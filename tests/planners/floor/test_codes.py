@@ -17,7 +17,7 @@ from tsbench.planners.floor.blind import Blind
 from tsbench.planners.floor.codes import Codes, Plate, counts, read_counts, signed_odds
 from tsbench.planners.idm import Idm
 from tsbench.roads.lane_graph import Destination
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 
 KMH = 1.0 / 3.6
 # Of the counts by which `codes` has the figures of docs/floor.md; other counts are another driver.
@@ -115,7 +115,7 @@ def test_the_counts_that_it_drives_by_are_those_that_it_was_published_with() -> 
 
 def test_counts_are_those_of_the_scenes(tmp_path: Path) -> None:
     """Of one priority type; what is written is read again."""
-    rows = [row for row in read_table(table_path("train")) if row.pair_type == "stop"]
+    rows = [row for row in DataSet.in_use().table("train") if row.pair_type == "stop"]
     found = count(rows)
     assert of_priority(found) == {("2.5", None): PRIORITY["2.5", None]}
     write_counts(found, tmp_path / "codes.csv")

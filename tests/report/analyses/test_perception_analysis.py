@@ -18,6 +18,7 @@ from tsbench.report.analyses.analysis import Value
 from tsbench.report.analyses.failures import cause_of_failure, failures
 from tsbench.report.analyses.perception_levels import perception
 from tsbench.report.analyses.run_pool import read_pool
+from tsbench.scenarios.data_set import DataSet
 
 POOR, GOOD = run_builders.level("poor"), run_builders.level("good")
 RIGHT = SignDetection(10, "right", "s", "target", "2.4", None, 0.0, 0.0, 40.0, 10.0)
@@ -48,7 +49,7 @@ def traced(*told: SignDetection, begun: float | None = 5.0) -> Trace:
     ],
 )
 def test_cause_of_a_failure(told: tuple[SignDetection, ...], cause: str) -> None:
-    assert cause_of_failure(traced(*told)) == cause
+    assert cause_of_failure(traced(*told), DataSet().catalog) == cause
 
 
 def test_a_row_for_each_planner_and_level_the_best_eyes_first(tmp_path: Path) -> None:

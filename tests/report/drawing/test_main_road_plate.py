@@ -11,19 +11,19 @@ from tsbench.report.drawing.main_road_plate import main_road_rgba, main_road_svg
 from tsbench.report.drawing.road_shapes import mark_shapes, stop_lines
 from tsbench.report.drawing.scene_shapes import furniture_shapes
 from tsbench.report.drawing.shapes import Area, DrawnPlate
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.main_road import MainRoad, main_roads
 from tsbench.sim.scene import Scene
 
-LOADER = SceneLoader()
+LOADER = SceneLoader(DataSet.in_use())
 
 
 @pytest.fixture(scope="module")
 def rows() -> dict[tuple[str, str], ScenarioSpec]:
     """The first row of each type and half."""
-    table = read_table(table_path("dev"))
+    table = DataSet.in_use().table("dev")
     return {(row.scenario_type, row.half): row for row in reversed(table) if row.half}
 
 

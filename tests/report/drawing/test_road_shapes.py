@@ -21,8 +21,8 @@ from tsbench.report.drawing.scene_shapes import tick_shapes
 from tsbench.report.drawing.shapes import Area, lane_area, rounded, rounded_along
 from tsbench.report.page.page_format import drawing
 from tsbench.report.scene_pictures import scene_picture
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader, load_scene
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.world import DT_S, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
 
 places = st.tuples(st.floats(-40, 40), st.floats(-40, 40))
@@ -55,8 +55,8 @@ def test_a_corner_becomes_a_curve_and_a_hairpin_stays() -> None:
 
 def test_lanes_before_a_fork_say_where_they_lead() -> None:
     """Of `yield`, whose arm ends at a junction with two ways; a road without one has no arrow unless it is one-way."""
-    rows = {row.scenario_type: row for row in read_table(table_path("dev")) if row.half == "signed"}
-    loader = SceneLoader()
+    rows = {row.scenario_type: row for row in DataSet.in_use().table("dev") if row.half == "signed"}
+    loader = SceneLoader(DataSet.in_use())
 
     def heads(kind: str, *, plates: bool = True) -> int:
         scene, _ = loader.load(rows[kind])
@@ -131,11 +131,11 @@ def test_places_along_a_rounded_line_are_those_of_the_line_where_it_is_straight(
 def test_buildings_stand_beside_the_roads() -> None:
     """Of a shipped city: were its file in another frame, houses would stand on lanes."""
     with using_city("north-bayreuth"):
-        rows = {row.map_id: row for row in read_table(table_path("dev"))}
+        rows = {row.map_id: row for row in DataSet.in_use().table("dev")}
         on_roads = houses = 0.0
         for row in rows.values():
             built = [one.polygon for one in ground_shapes(row.map_id) if one.colour == "building"]
-            shapes = list(road_shapes(load_scene(row).network))
+            shapes = list(road_shapes(load_scene(DataSet.in_use(), row).network))
             asphalt = shapely.union_all(
                 [s.polygon for s in shapes if isinstance(s, Area) and s.colour == "asphalt"]
             )
@@ -147,10 +147,10 @@ def test_buildings_stand_beside_the_roads() -> None:
 
 def test_a_mirror_turns_them_and_moscow_has_none() -> None:
     with using_city("north-bayreuth"):
-        row = next(row for row in read_table(table_path("dev")) if ground_shapes(row.map_id))
+        row = next(row for row in DataSet.in_use().table("dev") if ground_shapes(row.map_id))
         own = ground_shapes(row.map_id)
-        page = scene_picture(load_scene(row), "title", map_id=row.map_id)
-        bare = scene_picture(load_scene(row), "title")
+        page = scene_picture(load_scene(DataSet.in_use(), row), "title", map_id=row.map_id)
+        bare = scene_picture(load_scene(DataSet.in_use(), row), "title")
     with using_city("mirrored-north-bayreuth"):
         turned = ground_shapes(row.map_id)
     for one, other in zip(own, turned, strict=True):

@@ -8,9 +8,9 @@ import shapely
 
 from tsbench.report.drawing.scene_shapes import plate_line, rule_zone
 from tsbench.rules.monitors import make_monitor
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader, load_scene
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.world import EGO_LENGTH_M, EgoState
 
 
@@ -18,13 +18,13 @@ from tsbench.sim.world import EGO_LENGTH_M, EgoState
 def first_of_each() -> dict[str, ScenarioSpec]:
     """The first test row of each type that there is."""
     found: dict[str, ScenarioSpec] = {}
-    for row in read_table(table_path("test")):
+    for row in DataSet.in_use().table("test"):
         found.setdefault(row.scenario_type, row)
     return found
 
 
 def test_every_type_has_its_zone_near_the_plate(first_of_each: dict[str, ScenarioSpec]) -> None:
-    loader = SceneLoader()
+    loader = SceneLoader(DataSet.in_use())
     for kind, row in first_of_each.items():
         scene, _ = loader.load(row)
         zone = rule_zone(scene)
@@ -44,8 +44,8 @@ def test_every_type_has_its_zone_near_the_plate(first_of_each: dict[str, Scenari
     [("stop", "line"), ("no_turn_right", "_line"), ("crosswalk", "_begin"), ("no_entry", "_plate")],
 )
 def test_a_front_on_the_drawn_line_is_on_the_judged_one(kind: str, monitor_line: str) -> None:
-    row = next(r for r in read_table(table_path("dev")) if r.scenario_type == kind and r.half == "signed")
-    scene = load_scene(row)
+    row = next(r for r in DataSet.in_use().table("dev") if r.scenario_type == kind and r.half == "signed")
+    scene = load_scene(DataSet.in_use(), row)
     sign = scene.target_sign
     monitor = make_monitor(sign, scene)
     lane = scene.network.edge_lanes(sign.edge)[0]

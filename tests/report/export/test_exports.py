@@ -24,10 +24,10 @@ from tsbench.planners.registry import resolve
 from tsbench.report.drawing.road_shapes import road_shapes
 from tsbench.report.episode_files import WRITERS, export_kind, make_one
 from tsbench.report.export.commonroad_lanelets import SIGN_NUMBERS
-from tsbench.scenarios.certificates import certificates_path, read_certificates
+from tsbench.scenarios.certificates import certificates_of
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import SIGNED
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 
@@ -40,8 +40,8 @@ COMMONROAD = Path(sys.prefix) / "commonroad"
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with three traces; exporting one episode needs no more of a run."""
     folder = tmp_path_factory.mktemp("run")
-    rows = read_table(table_path("test"))
-    tempting = {c.scenario_id for c in read_certificates(certificates_path()) if c.tempting}
+    rows = DataSet.in_use().table("test")
+    tempting = {c.scenario_id for c in certificates_of(DataSet.in_use()) if c.tempting}
     sim = None
     for kind, planner in DRIVEN:
         spec = next(
@@ -58,7 +58,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def traces(run: Path) -> list[tuple[Trace, Scene]]:
     found = [read_trace(trace_path(run, planner, kind)) for kind, planner in DRIVEN]
-    return [(trace, load_scene(trace.spec)) for trace in found]
+    return [(trace, load_scene(DataSet.in_use(), trace.spec)) for trace in found]
 
 
 @pytest.fixture(scope="module")

@@ -10,11 +10,12 @@ from PIL import Image as PilImage
 from tsbench.core.errors import InputError
 from tsbench.report.tables.sign_pages import PageMaker
 from tsbench.report.wording import OPTIONS, THRESHOLDS, in_values, threshold_value
+from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog
 
 
 def test_a_page_shows_law_rule_violation_and_pass(tmp_path: Path) -> None:
-    maker = PageMaker(tmp_path)
+    maker = PageMaker(DataSet(), tmp_path)
     text = maker.write("speed_limit").read_text(encoding="utf-8")
     for words in (
         "3.24",
@@ -61,4 +62,4 @@ def test_every_threshold_and_option_has_words_and_values_their_units() -> None:
 
 def test_a_type_without_scenarios_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="fly"):
-        PageMaker(tmp_path).write("fly")
+        PageMaker(DataSet(), tmp_path).write("fly")

@@ -14,6 +14,7 @@ from tsbench.report.analyses import analysis as markdown
 from tsbench.report.analyses.analysis import Analysis, Column, Kind, Row, Table, Value, print_analysis
 from tsbench.report.analyses.main_table import main_table, run_tables
 from tsbench.run.edition import in_force, standing_contract
+from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog
 
 HOSTILE = "[red]<b>my.py:Planner|x[/red]"
@@ -156,7 +157,7 @@ def beside(kinds: list[tuple[str, str]], contract: str) -> str:
 
 def test_published_figures_stand_beside_all_types_of_the_test_split_alone() -> None:
     kinds = [(kind.id, kind.group) for kind in load_catalog().types]
-    contract, published = standing_contract(in_force().now()["test"]), "idm | published"
+    contract, published = standing_contract(in_force(DataSet.in_use()).now()["test"]), "idm | published"
     assert published in beside(kinds, contract)
     # A selection of the types has another mean, other scenes have other figures.
     few = [(kind, group) for kind, group in kinds if kind != "yield" and group != "speed"][:9]

@@ -22,6 +22,7 @@ from tsbench.run.execution.messages import (
 from tsbench.run.execution.task_queue import Task
 from tsbench.run.log.record import Record
 from tsbench.run.planner_info import PlannerInfo
+from tsbench.scenarios.data_set import DataSet
 
 WHO = PlannerInfo("mine", "mine.py:mine", False, True, ("cuda",), None, "c0de")
 RECORD = Record(
@@ -33,7 +34,17 @@ RECORD = Record(
     "message",
     [
         Start(("/a", "")),
-        Setup((WHO,), Perception(masked=True), "cpu", "all", "out", "test", "c", options={"most": 2}),
+        Setup(
+            (WHO,),
+            Perception(masked=True),
+            "cpu",
+            "all",
+            "out",
+            DataSet("leeds", True),
+            "test",
+            "c",
+            options={"most": 2},
+        ),
         Probe("idm", "cuda"),
         Task(7, 0, specs()[0]),
     ],

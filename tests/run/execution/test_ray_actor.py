@@ -20,7 +20,7 @@ from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.messages import Finished, Probe, Probed, Refused, Setup, decode, encode
 from tsbench.run.execution.ray_actor import RayActor, handshake
 from tsbench.run.execution.task_queue import Task
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog
 
 SPEC = "fake_planners:Good"
@@ -43,9 +43,11 @@ def setup(actor: RayActor) -> Setup:
     (line,) = actor.probe([encode(Probe(SPEC))])
     planner = decode(line, (Probed,)).planner
     assert planner is not None
-    contract = contract_hash(read_table(table_path("test")), load_catalog())
+    contract = contract_hash(DataSet.in_use().table("test"), load_catalog())
     runner = "fake_runner:FakeRunner"
-    return Setup((planner,), EXACTLY, "cpu", "all", "/nowhere", "test", contract, runner=runner)
+    return Setup(
+        (planner,), EXACTLY, "cpu", "all", "/nowhere", DataSet.in_use(), "test", contract, runner=runner
+    )
 
 
 def refusal(actor: RayActor, setup: Setup) -> str:

@@ -16,11 +16,12 @@ from tsbench.run.execution.messages import Finished, Setup, decode, encode
 from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.log.record import Record, error_row, lost_timing
 from tsbench.run.planner_info import PlannerInfo
+from tsbench.scenarios.data_set import DataSet
 
 pytestmark = pytest.mark.slow
 # Ray is large: it is imported where it is needed, in processes of their own.
 WHO = PlannerInfo("fake", "fake", False, False, (), None, None)
-SETUP = Setup((WHO,), EXACTLY, "cpu", "none", "/nowhere", "test", "")
+SETUP = Setup((WHO,), EXACTLY, "cpu", "none", "/nowhere", DataSet.in_use(), "test", "")
 
 
 class Method:

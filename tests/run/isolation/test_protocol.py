@@ -21,8 +21,8 @@ from tsbench.roads.lane_graph import Destination, PathPiece, RoutePath
 from tsbench.run.isolation.commands import command_message, read_command
 from tsbench.run.isolation.episode_messages import Decoder, Encoder
 from tsbench.run.isolation.protocol import HEAD, MOST_BYTES, ProtocolError, read_answer
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Obstacle
@@ -110,9 +110,9 @@ def test_the_true_world_arrives_as_it_was_told() -> None:
 
 
 def test_contexts_arrive_as_they_were_told() -> None:
-    rows = {row.scenario_type: row for row in read_table(table_path("dev"))}.values()
+    rows = {row.scenario_type: row for row in DataSet.in_use().table("dev")}.values()
     assert len(rows) > 10
-    encoder, decoder, loader = Encoder(), Decoder(), SceneLoader()
+    encoder, decoder, loader = Encoder(), Decoder(), SceneLoader(DataSet.in_use())
     for row in rows:
         scene, roads = loader.load(row)
         view, sign = roads.view, scene.target_sign

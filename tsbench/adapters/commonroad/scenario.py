@@ -31,7 +31,7 @@ from tsbench.planners.geometry import lane_polygon
 from tsbench.planners.helpers import identified
 from tsbench.report.export.commonroad_lanelets import SIGN_NUMBERS
 from tsbench.roads.road_map import MapLane, RoadMap
-from tsbench.signs.catalog import load_catalog
+from tsbench.signs.catalog import Catalog, load_catalog
 from tsbench.sim.world import ActorKind
 
 # CommonRoad's made-up country, whose numbers of signs are modelled on Germany's.
@@ -211,7 +211,7 @@ def _network(roads: RoadMap, plates: list[SignView]) -> tuple[Any, dict[int, tup
     CommonRoad's plates hold for whole lanelets, so a lane is cut where a plate's line is. A plate holds from there to
     its end plate on the same road, or to the end of that.
     """
-    free = count(1)
+    free, catalog = count(1), load_catalog(mirrored=roads.left_hand)
     lanes = [lane for lane in roads.lanes if _is_one(lane)]
     lanelets: dict[int, tuple[tuple[float, int], ...]] = {}
     for lane in lanes:
@@ -240,16 +240,18 @@ def _network(roads: RoadMap, plates: list[SignView]) -> tuple[Any, dict[int, tup
             network.add_lanelet(Lanelet(*lines, *ways, **beside, **same, stop_line=line))
             for sign, held in zip(plates, holds, strict=True):
                 begun = _is_on(roads, sign, lane) and sign.position_m <= begins + _SHORTEST_M
-                if begun and not any(_is_on(roads, end, lane) and _ends(end, sign, begins) for end in plates):
+                if begun and not any(
+                    _is_on(roads, end, lane) and _ends(catalog, end, sign, begins) for end in plates
+                ):
                     held.add(lanelet_id)
     for sign, sign_id, held in zip(plates, sign_ids, holds, strict=True):
         network.add_traffic_sign(_sign(sign, sign_id, held), held)
     return network, lanelets
 
 
-def _ends(end: SignView, sign: SignView, by: float) -> bool:
+def _ends(catalog: Catalog, end: SignView, sign: SignView, by: float) -> bool:
     """Is a plate's zone over `by` m along its road, because of another plate on it?"""
-    ended_by = load_catalog().sign(sign.code).rule.ended_by if sign.code else ()
+    ended_by = catalog.sign(sign.code).rule.ended_by if sign.code else ()
     return end.code in ended_by and sign.position_m < end.position_m <= by + _SHORTEST_M
 
 

@@ -73,7 +73,7 @@ class Prejudiced:
     def reset(self, context: PlannerContext) -> None:
         """Begin anew, on this half's network but told the other one's plate."""
         assert context.privilege is not None
-        told = replace(context.privilege, sign=self._other.sign, rule=self._other.rule)
+        told = replace(context.privilege, sign=self._other.sign)
         self._expert.reset(replace(context, privilege=told))
 
     def act(self, observation: Observation) -> Control | Trajectory:

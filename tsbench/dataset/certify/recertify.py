@@ -22,6 +22,7 @@ from tsbench.scenarios.certificates import (
     read_certificates,
     write_certificates,
 )
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneStore
@@ -33,7 +34,7 @@ _Batch = list[tuple[ScenarioSpec, Certificate]]
 
 @lru_cache(maxsize=1)
 def _certifier(root: Path) -> Certifier:
-    return Certifier(Simulation(), SceneLoader(SceneStore(root)))
+    return Certifier(Simulation(), SceneLoader(DataSet.in_use(), SceneStore(root)))
 
 
 def _drive(batch: _Batch, root: Path) -> list[dict[str, Any]]:

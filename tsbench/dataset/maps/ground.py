@@ -13,13 +13,12 @@ import shapely
 
 from tsbench.core.errors import InputError
 from tsbench.core.parquet import GROUND_FILE, GROUND_KINDS, GROUND_SCHEMA, VERSION_KEY, save_table
-from tsbench.core.paths import dataset_root
 from tsbench.dataset.city import check_extract, chosen_city
 from tsbench.dataset.maps.extracts import find_extract
 from tsbench.dataset.maps.utm import Floats, UtmFrame
 from tsbench.dataset.maps.versions import contents_of, osm_file
-from tsbench.scenarios.map_pool import PoolRow, pool_file, read_pool
-from tsbench.scenarios.table import read_table, splits_there, table_path
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.map_pool import PoolRow, read_pool
 
 _GREEN = {
     "landuse": {"allotments", "cemetery", "forest", "grass", "meadow", "orchard", "recreation_ground", "vineyard"},
@@ -39,9 +38,9 @@ def write_ground(osm_dir: Path) -> tuple[Path, dict[str, int]]:
 
     Raises InputError: an extract that is missing or another than the city's, or no pool.
     """
-    city, path = chosen_city(), dataset_root() / GROUND_FILE
-    used = {row.map_id for split in splits_there() for row in read_table(table_path(split))}
-    maps = [row for row in read_pool(pool_file()) if row.map_id in used]
+    city, path = chosen_city(), DataSet.in_use().folder / GROUND_FILE
+    used = {row.map_id for split in DataSet.in_use().splits for row in DataSet.in_use().table(split)}
+    maps = [row for row in read_pool(DataSet.in_use().pool_path) if row.map_id in used]
     by_source: dict[str, list[PoolRow]] = {}
     for row in maps:
         by_source.setdefault(row.source, []).append(row)

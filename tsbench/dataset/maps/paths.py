@@ -8,9 +8,10 @@ from pathlib import Path
 from lxml import etree
 
 from tsbench.core.files import write_atomic
-from tsbench.core.paths import data_file, data_root, dataset_root
+from tsbench.core.paths import data_file, data_root
 from tsbench.core.xmlfile import parse
 from tsbench.dataset.city import COUNTRY_TYPES, TOWN_TYPES, chosen_city
+from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.countries import load_country
 
 
@@ -62,4 +63,4 @@ def _types_of_country(code: str, town: Path, made: Path) -> Path:
 
 def made_pool() -> Path:
     """Where a harvest writes the city's pool; its counts lie beside it."""
-    return dataset_root() / "sumo_nets" / "pool.parquet"
+    return DataSet.in_use().folder / "sumo_nets" / "pool.parquet"

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import mean
 
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 from tsbench.signs.annotations import DISTRACTOR
@@ -65,7 +66,7 @@ def asked_of(layout: SceneLayout) -> Asked:
 
 def type_axes(specs: Sequence[ScenarioSpec], progress: Progress) -> list[TypeAxes]:
     """One entry per type and split, in alphabetical order. Reads each signed row's scene. Raises InputError."""
-    loader = SceneLoader()
+    loader = SceneLoader(DataSet.in_use())
     # Rows of a map one after the other: the store unpacks a map at a time.
     signed = sorted(
         (s for s in specs if s.half == SIGNED), key=lambda s: (s.split, s.pair_type, s.map_id, s.variant)

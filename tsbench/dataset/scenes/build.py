@@ -35,11 +35,12 @@ from tsbench.scenarios.certificates import (
     read_certificates,
     write_certificates,
 )
-from tsbench.scenarios.map_pool import PoolRow, pool_file, read_pool
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.map_pool import PoolRow, read_pool
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder, store_path, write_store
-from tsbench.scenarios.table import SPLITS, read_table, table_path, write_table
+from tsbench.scenarios.table import SPLITS, read_table, write_table
 from tsbench.sim.sumo import Simulation
 
 APART_M = 60.0
@@ -101,7 +102,7 @@ def _tools(root: Path, certifier: str) -> tuple[Simulation, Prover | None]:
     """A worker process's one simulation, and who proves rows in it."""
     sim = Simulation()
     module, _, name = certifier.partition(":")
-    loader = SceneLoader(SceneFolder(root))
+    loader = SceneLoader(DataSet.in_use(), SceneFolder(root))
     return sim, getattr(importlib.import_module(module), name)(sim, loader) if certifier else None
 
 
@@ -250,10 +251,10 @@ def build_scenarios(request: BuildRequest, progress: Progress) -> list[TypeRepor
     Raises InputError where the pool or the extracts are missing. A type for which the pool has too few maps is kept as
     far as it goes, and its report says what is short.
     """
-    rows = read_pool(pool_file())
+    rows = read_pool(DataSet.in_use().pool_path)
     city = chosen_city()
     split_of = split_pool(rows, city.split)
-    recipes = load_recipes(request.types)
+    recipes = load_recipes(DataSet.in_use().catalog, request.types)
     reports: list[TypeReport] = []
     with worker_processes(request.workers, "building scenes") as pool:
         for split in (s for s in SPLITS if s in request.splits and s in city.maps):
@@ -271,7 +272,7 @@ def _keep(
     """Replace one type's scenes, rows and certificates in one split."""
     root, built = request.root, SceneFolder(request.workplace)
     write_store(((s.map_id, _contents(built, s)) for s in sites), store_path(split, type_id, root))
-    path = table_path(split, root)
+    path = root / f"{split}.parquet"
     others = [s for s in read_table(path) if s.pair_type != type_id] if path.is_file() else []
     write_table(with_places([*others, *(r for s in sites for r in s.rows)], pool), path)
     kept = certificates_path(root)

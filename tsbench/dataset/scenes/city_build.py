@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import OWN_CITY, dataset_root
+from tsbench.core.paths import OWN_CITY
 from tsbench.dataset.city import City, chosen_city
 from tsbench.dataset.maps.ground import write_ground
 from tsbench.dataset.maps.harvest import harvest
@@ -18,8 +18,8 @@ from tsbench.dataset.scenes.overview import build_report, shown_reason
 from tsbench.dataset.scenes.recipe import Recipe, load_recipes
 from tsbench.dataset.scenes.split import split_pool
 from tsbench.run.edition import editions, release_city
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow, read_pool
-from tsbench.scenarios.table import read_table, splits_there, table_path, write_scene_editions
 
 
 @dataclass(frozen=True)
@@ -86,16 +86,21 @@ def build_city(
     pool = made_pool()
     for note in harvest(osm, pool, pool.with_name("harvest.json"), workers, progress).notes:
         on_progress(note)
-    reports = build_scenarios(BuildRequest(types, osm, dataset_root() / "scenarios", workers), progress)
-    if not any(read_table(table_path(split)) for split in splits_there()):
+    reports = build_scenarios(
+        BuildRequest(types, osm, DataSet.in_use().folder / "scenarios", workers), progress
+    )
+    if not any(DataSet.in_use().table(split) for split in DataSet.in_use().splits):
         why = dict.fromkeys(
-            c.why for c in carried(city, read_pool(pool), load_recipes(types), build_report())
+            c.why
+            for c in carried(
+                city, read_pool(pool), load_recipes(DataSet.in_use().catalog, types), build_report()
+            )
         )
         raise InputError(
             f"{city.name}: its {len(read_pool(pool)):,} maps carry no scenario: {next(iter(why))}"
             f"{f', and {len(why) - 1} more reasons' if len(why) > 1 else ''} (tsbench city show {city.name})"
         )
-    write_scene_editions(dict.fromkeys(splits_there(), editions()[-1].name))
-    release_city(city.title)
+    DataSet.in_use().write_editions(dict.fromkeys(DataSet.in_use().splits, editions()[-1].name))
+    release_city(DataSet.in_use(), city.title)
     write_ground(osm)
     return reports

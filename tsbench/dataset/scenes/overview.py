@@ -11,12 +11,12 @@ from statistics import median
 from typing import Any
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import dataset_file
 from tsbench.core.textfile import read_json
 from tsbench.dataset.scenes.build import stratum_of
 from tsbench.dataset.scenes.split import places_of
-from tsbench.scenarios.certificates import certificates_path, read_certificates
-from tsbench.scenarios.map_pool import pool_file, read_pool
+from tsbench.scenarios.certificates import certificates_of
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.map_pool import read_pool
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 
 _SHARES = ("solvable", "tempting", "engaged", "sane")
@@ -48,7 +48,9 @@ class TypeStats:
 
 
 def report_file(root: Path | None = None) -> Path:
-    return dataset_file("scenarios/build_report.json") if root is None else root / "build_report.json"
+    return (
+        DataSet.in_use().file("scenarios/build_report.json") if root is None else root / "build_report.json"
+    )
 
 
 def build_report(root: Path | None = None) -> list[dict[str, Any]]:
@@ -66,8 +68,8 @@ def build_report(root: Path | None = None) -> list[dict[str, Any]]:
 
 def type_stats(specs: Sequence[ScenarioSpec]) -> list[TypeStats]:
     """One entry per type and split, in alphabetical order. A row without a certificate proves nothing."""
-    pool = {r.map_id: r for r in read_pool(pool_file())}
-    known = {c.scenario_id: c for c in read_certificates(certificates_path())}
+    pool = {r.map_id: r for r in read_pool(DataSet.in_use().pool_path)}
+    known = {c.scenario_id: c for c in certificates_of(DataSet.in_use())}
     groups: dict[tuple[str, str], list[ScenarioSpec]] = defaultdict(list)
     for spec in specs:
         groups[(spec.pair_type, spec.split)].append(spec)

@@ -13,7 +13,7 @@ from tsbench.core.benchmark import TEST_PER_TRAIN
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_file
 from tsbench.core.typed import read_sheet, typed
-from tsbench.signs.catalog import Catalog, ScenarioType, load_catalog
+from tsbench.signs.catalog import Catalog, ScenarioType
 
 _Few = Annotated[int, Meta(ge=1, le=20)]
 _Kmh = Annotated[float, Meta(ge=1, le=200)]
@@ -99,9 +99,8 @@ def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> R
     return read_sheet(_File, path, "type", lambda file: _recipe(file, catalog))
 
 
-def load_recipes(types: Iterable[str]) -> list[Recipe]:
+def load_recipes(catalog: Catalog, types: Iterable[str]) -> list[Recipe]:
     """The recipes of some types, of all that have one where none is named. Raises InputError (file, key, problem)."""
-    catalog = load_catalog()
     return [load_recipe(type_id, catalog) for type_id in types or recipe_types()]
 
 

@@ -10,7 +10,8 @@ from tsbench.dataset.city import chosen_city
 from tsbench.dataset.scenes.build import stratum_of
 from tsbench.dataset.scenes.recipe import load_recipes
 from tsbench.dataset.scenes.split import split_pool
-from tsbench.scenarios.map_pool import pool_file, read_pool
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.map_pool import read_pool
 from tsbench.scenarios.spec import ScenarioSpec
 
 # Of a routing type's test maps at most this share is to be from the generalised extract (docs/scenes.md).
@@ -43,13 +44,16 @@ class Tagging:
 
 def tagging(specs: Sequence[ScenarioSpec]) -> list[Tagging]:
     """One entry per type and split, in alphabetical order. Raises InputError."""
-    pool = read_pool(pool_file())
+    pool = read_pool(DataSet.in_use().pool_path)
     known, split_of = {row.map_id: row for row in pool}, split_pool(pool, chosen_city().split)
     used: dict[tuple[str, str], set[str]] = defaultdict(set)
     for spec in specs:
         used[(spec.pair_type, spec.split)].add(spec.map_id)
     found = []
-    recipes = {recipe.type.id: recipe for recipe in load_recipes({type_id for type_id, _ in used})}
+    recipes = {
+        recipe.type.id: recipe
+        for recipe in load_recipes(DataSet.in_use().catalog, {type_id for type_id, _ in used})
+    }
     for (type_id, split), maps in sorted(used.items()):
         recipe = recipes[type_id]
         there = sum(

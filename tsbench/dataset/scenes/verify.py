@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
@@ -13,9 +13,8 @@ from tsbench.core.errors import InputError
 from tsbench.dataset.scenes.lint import lint_limits, lint_scene
 from tsbench.dataset.scenes.recipe import recipe_types
 from tsbench.dataset.scenes.split import APART_M, extents, with_places
-from tsbench.run.edition import earlier_splits
-from tsbench.scenarios.certificates import bases, certificates_path, read_certificates
-from tsbench.scenarios.map_pool import pool_file, read_pool
+from tsbench.scenarios.certificates import Certificate, bases
+from tsbench.scenarios.map_pool import read_pool
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.annotations import DISTRACTOR
@@ -44,13 +43,14 @@ def verify_rows(
     return problems
 
 
-def verify_certificates(specs: Sequence[ScenarioSpec], root: Path | None) -> list[tuple[str, str]]:
+def verify_certificates(
+    specs: Sequence[ScenarioSpec], certificates: Iterable[Certificate], earlier: Container[str]
+) -> list[tuple[str, str]]:
     """(scenario id, problem) of rows without a certificate, or with one that is about something else.
 
-    Rows of an earlier edition may have had other columns: what their certificates were about is not asked.
+    Rows of splits of an `earlier` edition may have had other columns: what their certificates were about is not asked.
     """
-    known = {c.scenario_id: c.basis for c in read_certificates(certificates_path(root))}
-    earlier = earlier_splits(root)
+    known = {c.scenario_id: c.basis for c in certificates}
     split = {spec.scenario_id: spec.split for spec in specs}
     problems = []
     for name, basis in bases(specs).items():
@@ -71,12 +71,12 @@ _OF_A_HALF = frozenset(
 )  # fmt: skip
 
 
-def verify_pairs(specs: Sequence[ScenarioSpec], root: Path | None) -> list[tuple[str, str]]:
+def verify_pairs(specs: Sequence[ScenarioSpec], certificates: Iterable[Certificate]) -> list[tuple[str, str]]:
     """(pair id, problem) of pairs whose halves are not two neighbours of one draw, or that measure nothing.
 
     specs: whole tables, in their order.
     """
-    known = {c.scenario_id: c for c in read_certificates(certificates_path(root))}
+    known = {c.scenario_id: c for c in certificates}
     problems = []
     for name, rows in groupby((s for s in specs if s.pair_id), key=lambda s: s.pair_id):
         halves = list(rows)
@@ -94,12 +94,12 @@ def verify_pairs(specs: Sequence[ScenarioSpec], root: Path | None) -> list[tuple
     return problems
 
 
-def verify_split(specs: Sequence[ScenarioSpec]) -> list[tuple[str, str]]:
+def verify_split(specs: Sequence[ScenarioSpec], pool: Path) -> list[tuple[str, str]]:
     """Maps that are not in the pool, stand in two splits, are of another place, or within 300 m of another split's.
 
     specs: whole tables.
     """
-    rows = {r.map_id: r for r in read_pool(pool_file())}
+    rows = {r.map_id: r for r in read_pool(pool)}
     split = {s.map_id: s.split for s in specs}
     problems = [(m, "map is not in the pool") for m in sorted(set(split) - set(rows))]
     both = {s.map_id for s in specs if s.split != split[s.map_id]}

@@ -19,7 +19,8 @@ from tsbench.learn.imitation.frames_store import FrameStore, TrainingResources
 from tsbench.planners.plant2 import layout as at
 from tsbench.report.drawing.paint import save_png
 from tsbench.report.tables.charts import GREY, GROUP_COLOURS, INK, PALE, save_chart
-from tsbench.signs.catalog import ScenarioType, load_catalog
+from tsbench.scenarios.data_set import DataSet
+from tsbench.signs.catalog import ScenarioType
 from tsbench.signs.model import GROUPS
 
 _PICTURES = 10
@@ -67,7 +68,7 @@ def report(
     found = np.concatenate(figures) if figures else np.zeros(0, dtype=_FIGURES)
     if not len(found):
         raise InputError("none of the drives obeyed and arrived: there are no frames to look at")
-    out, types = resources.out, load_catalog().types
+    out, types = resources.out, DataSet().catalog.types
     paths = [out / "frames.md", out / "frames.png"]
     write_atomic(paths[0], _table(found, drives, types).encode())
     save_chart(lambda: _chart(found, types), paths[1])

@@ -20,8 +20,8 @@ from tsbench.planners.plant2.planner_ft import Plant2Blind, Plant2Ft
 from tsbench.planners.plant2.sizes import size_of
 from tsbench.planners.plant2.vocabulary import Vocabulary, vocabulary_of, vocabulary_of_catalog
 from tsbench.planners.weights import Network, network
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.signs.catalog import load_catalog
 
 # Takeovers are drawn from this many ticks on, up to so many: from the start to a little behind most signs' lines.
 _TAKEOVER_TICKS = (5, 120)
@@ -84,7 +84,7 @@ class FineTuning(TrainingRecipe):
         """The base's words, where it has some; else all signs of the catalogue, and posts where they are masked."""
         if self.starts_tuned:
             return vocabulary_of(self.base, self.name)
-        words = vocabulary_of_catalog(load_catalog())
+        words = vocabulary_of_catalog(DataSet().catalog)
         return words.with_posts() if self.mask_signs else words
 
     def source(self) -> FinetuneSource:

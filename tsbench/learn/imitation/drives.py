@@ -10,6 +10,7 @@ from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.plant2.tokens import Tokeniser
 from tsbench.planners.registry import resolve
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.sumo import Simulation
@@ -47,7 +48,7 @@ class Drivers:
     """The simulation of a process, and all that is made once and used for many drives."""
 
     def __init__(self) -> None:
-        self._loader, self._simulation = SceneLoader(), Simulation()
+        self._loader, self._simulation = SceneLoader(DataSet.in_use()), Simulation()
         self._runners: dict[Hashable, object] = {}
         self._tokeniser: Tokeniser | None = None
 

@@ -22,6 +22,7 @@ from tsbench.run.log.record import Record
 from tsbench.run.plan import Request, RunPlan, make_plan
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.run.session import ProgressListener, drive, probe, stop_on_signals
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
 
 TRIES = 4
@@ -94,10 +95,10 @@ def collect(options: CollectOptions, watcher: ProgressListener) -> Collected:
         raise InputError(
             f"--learned-variants {options.learned_variants}: expected {LEAST_LEARNED_VARIANTS} to {VARIANTS}"
         )
-    plan = make_plan(options.request)
+    plan = make_plan(options.request, DataSet.in_use())
     effective = {"collection": KIND, "split": plan.request.split, "tries": options.tries}
     # Without rows: each line knows the row that it was driven on, so the table may grow.
-    contract = basis()
+    contract = basis(plan.data)
     check_folder(options.out, {"contract": contract, "effective": effective})
     most = len(plan.scenarios) * len(options.request.planners)
     with make_executor("local", options.workers, most, Limits()) as pool:
@@ -129,7 +130,7 @@ def _collect(
     journal = collection.journal
     setup = Setup(
         planners, EXACTLY, device="cpu", trace="none", out=str(collection.path.resolve()),
-        split=plan.request.split, contract=collection.manifest["contract"],
+        data=plan.data, split=plan.request.split, contract=collection.manifest["contract"],
         runner="tsbench.learn.oracle.runner:OracleRunner", recorder="tsbench.learn.oracle.runner:record_of",
         options={"most": options.tries, "probe": asdict(plan.table[0])},
     )  # fmt: skip

@@ -23,8 +23,8 @@ from tsbench.learn.oracle.card import NAME as CARD
 from tsbench.learn.oracle.card import Card
 from tsbench.learn.oracle.ticks import REWARDS, driven, shapes
 from tsbench.learn.oracle.trajectories import stream_trajectories
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation
 
 _TEXT = ("scenario_id", "planner", "part", "type", "sign", "half")
@@ -35,7 +35,7 @@ def export(path: Path, split: str, out: Path, rank: int = 1, limit: int | None =
 
     out: a file. A failed export leaves nothing new.
     """
-    rows = {row.scenario_id: row for row in read_table(table_path(split))}
+    rows = {row.scenario_id: row for row in DataSet.in_use().table(split)}
     chosen = (
         d for d in stream_trajectories(path) if d.scenario_id in rows and (not rank or 0 < d.rank <= rank)
     )
@@ -43,7 +43,7 @@ def export(path: Path, split: str, out: Path, rank: int = 1, limit: int | None =
     card, schema = Card(seen), _schema(seen)
     drives = ticks = 0
     simulation = Simulation()
-    begin = partial(Episode, simulation=simulation, loader=SceneLoader())
+    begin = partial(Episode, simulation=simulation, loader=SceneLoader(DataSet.in_use()))
     try:
         with io_errors_as_input_errors(out), replacing(out) as part:
             with pq.ParquetWriter(part, schema, compression="zstd") as writer:

@@ -27,8 +27,8 @@ from tsbench.learn.oracle.store import (
 )
 from tsbench.learn.oracle.trajectories import Recorded, write_trajectories
 from tsbench.run.log.record import Row
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 
 BETA = 0.25
 KEPT = 2
@@ -143,8 +143,8 @@ def _check(folder: Path, allow_partial: bool) -> dict[str, ScenarioSpec]:
     manifest = read_collection(folder, "tsbench oracle collect makes one")
     if manifest["status"] != "complete" and not allow_partial:
         raise InputError(f"{folder}: its collection is not finished: run it again, or give --allow-partial")
-    if manifest["contract"] != basis():
+    if manifest["contract"] != basis(DataSet.in_use()):
         raise InputError(
             f"{folder}: was collected with other rules or another SUMO: collect anew into another folder"
         )
-    return {row.scenario_id: row for row in read_table(table_path(manifest["effective"]["split"]))}
+    return {row.scenario_id: row for row in DataSet.in_use().table(manifest["effective"]["split"])}

@@ -11,9 +11,9 @@ from tsbench.core.errors import InputError
 from tsbench.core.seeds import seed_of
 from tsbench.learn.oracle.store import KIND
 from tsbench.learn.oracle.trajectories import Recorded, Replayer, stream_trajectories
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
@@ -45,7 +45,7 @@ def verify(path: Path, split: str, limit: int | None) -> int:
     names = ((d.scenario_id, d.planner) for d in _drives(path, split, rows))
     chosen = set(sorted(names, key=lambda name: seed_of(KIND, "verify", *name))[:limit])
     simulation = Simulation()
-    replayer = Replayer(simulation, SceneLoader())
+    replayer = Replayer(simulation, SceneLoader(DataSet.in_use()))
     try:
         # In the table's order, in which scenarios of a network follow each other.
         for drive in stream_trajectories(path):
@@ -57,12 +57,14 @@ def verify(path: Path, split: str, limit: int | None) -> int:
 
 
 def _rows(split: str) -> dict[str, ScenarioSpec]:
-    return {row.scenario_id: row for row in read_table(table_path(split))}
+    return {row.scenario_id: row for row in DataSet.in_use().table(split)}
 
 
 def _drives(path: Path, split: str, rows: Mapping[str, ScenarioSpec]) -> Iterator[Recorded]:
     """The drives of a table, one after the other. Raises InputError for one of a scenario that `rows` lack."""
     for drive in stream_trajectories(path):
         if drive.scenario_id not in rows:
-            raise InputError(f"{path}: scenario {drive.scenario_id} is not in {table_path(split)}")
+            raise InputError(
+                f"{path}: scenario {drive.scenario_id} is not in {DataSet.in_use().table_path(split)}"
+            )
         yield drive

@@ -37,8 +37,8 @@ from tsbench.run.log.manifest import (
 )
 from tsbench.run.log.record import Record, Row
 from tsbench.run.planner_info import PlannerInfo
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import DT_S
 
 KIND = "oracle"
@@ -82,13 +82,14 @@ def fingerprint(spec: ScenarioSpec) -> str:
     return digest(asdict(spec))[:12]
 
 
-def basis() -> str:
+def basis(data: DataSet) -> str:
     """SHA-256 (hex) over what all drives of a collection share: the rules of all signs, and SUMO's version.
 
     Not the code that made them: a drive is its commands, and replaying them proves it (`tsbench oracle verify`).
     """
-    catalog = load_catalog()
-    return digest({"signs": catalog.contract_entries(catalog.signs), "versions": versions(["libsumo"])})
+    return digest(
+        {"signs": data.catalog.contract_entries(data.catalog.signs), "versions": versions(["libsumo"])}
+    )
 
 
 def kind_of(planner: PlannerInfo) -> str:

@@ -22,12 +22,13 @@ import pyarrow.compute as pc
 from tsbench.core.errors import PlannerOutputError, SimulationError
 from tsbench.core.files import io_errors_as_input_errors
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, columns, open_table, save_table
-from tsbench.core.paths import data_file, fetch_hint
+from tsbench.core.paths import data_file
 from tsbench.episode.command import to_command
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
 from tsbench.planners.registry import LoadedPlanner
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_DECEL_MPS2, MAX_STEER_RAD, Motion
@@ -35,7 +36,7 @@ from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import WorldSnapshot
 
 # What is said where a table of the oracle's is missing: the released ones do not come with the package.
-ORIGIN = f"{fetch_hint('oracle')} brings the released one, tsbench oracle select makes one"
+ORIGIN = f"{DataSet.in_use().fetch_hint('oracle')} brings the released one, tsbench oracle select makes one"
 
 # Steps of the stored commands in a unit: 1e-3 m/s2 and 1e-4 rad. The vehicle's limits take a fifth of an int16.
 STEPS = (1000, 10000)

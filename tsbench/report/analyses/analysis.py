@@ -20,6 +20,7 @@ from rich.text import Text
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.text import csv_text
 from tsbench.run.edition import contract_line
+from tsbench.scenarios.data_set import DataSet
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -127,7 +128,7 @@ class Analysis:
 
     @property
     def contract_line(self) -> str:
-        return contract_line(self.contract) if self.contract else ""
+        return contract_line(self.contract, DataSet.in_use()) if self.contract else ""
 
 
 DASH = "–"

@@ -21,6 +21,7 @@ from tsbench.planners.registry import EXPERT
 from tsbench.report.analyses.analysis import ALL, Cell, Column, Kind, Row, Value
 from tsbench.run.edition import editions
 from tsbench.run.plan import choose_types
+from tsbench.scenarios.data_set import DataSet
 
 T = TypeVar("T", bound=Counted)
 # The figures of SCD as tables call them.
@@ -142,7 +143,7 @@ def is_whole(p: PlannerSummary, panel: str, contract: str) -> bool:
     if not is_of_study(contract):
         return False
     driven = p.scores[SIGNED_ONES].types if SIGNED_ONES in p.scores else {}
-    return all(kind in driven for kind in choose_types(() if panel == ALL else (panel,)))
+    return all(kind in driven for kind in choose_types(DataSet().catalog, () if panel == ALL else (panel,)))
 
 
 def scd_beside(p: PlannerSummary, panel: str, contract: str) -> float | None:

@@ -25,7 +25,7 @@ from tsbench.report.analyses.columns import INTERVAL_NOTE, READINGS_NOTE, presen
 from tsbench.report.analyses.run_pool import RunPool
 from tsbench.report.tables.forest import colour_of, make_panels, put_counts, put_key, put_title
 from tsbench.scenarios.spec import CONTRAST, SIGNED
-from tsbench.signs.catalog import load_catalog
+from tsbench.signs.catalog import Catalog
 from tsbench.signs.rule_kinds import NEEDLESS
 
 MISSED, MISREAD_AS, LATE, FALSE_PLATE = "missed", "misread", "late", "false"
@@ -55,7 +55,7 @@ def causes_of(pool: RunPool, planner: str) -> list[str] | None:
     for scenario in failed:
         path = trace_path(run.path, planner, scenario)
         try:
-            causes.append(cause_of_failure(read_trace(path)))
+            causes.append(cause_of_failure(read_trace(path), run.data.catalog))
         except InputError as problem:
             raise InputError(
                 f"{problem}: traces say what was told (tsbench run --trace violations)"
@@ -63,12 +63,12 @@ def causes_of(pool: RunPool, planner: str) -> list[str] | None:
     return causes
 
 
-def cause_of_failure(trace: Trace) -> str:
+def cause_of_failure(trace: Trace, catalog: Catalog) -> str:
     """One of CAUSES, or ""."""
     target = [told for told in trace.told if told.role == "target"]
     if any(told.kind == MISREAD for told in target):
         return MISREAD_AS
-    outlines = load_catalog().code_of_outline
+    outlines = catalog.code_of_outline
     right = [t for t in target if t.kind == RIGHT or (t.kind == OUTLINE and t.outline in outlines)]
     if not right:
         return MISSED

@@ -25,6 +25,7 @@ from tsbench.report.tables.compare_runs import SELECTION, differing
 from tsbench.run.log.manifest import marks_of
 from tsbench.run.log.read import StoredRun, read_run
 from tsbench.run.plan import BOTH
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import CONTRAST, HALVES
 from tsbench.signs.rule_kinds import NEEDLESS
 
@@ -193,12 +194,14 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class EpisodeIndex:
-    """Episodes of a pool. rows: records, by planner and scenario; traces: by row number; notes: what is odd.
+    """Episodes of a pool. data: what they are of; rows: records, by planner and scenario; traces: by row number;
+    notes: what is odd.
 
     stories: of runs. partners: by row number that of the other half;
     passes: by row number which halves of its pair were passed, one of PASSES.
     """
 
+    data: DataSet
     rows: Sequence[Row]
     stories: Mapping[Key, Row]
     traces: Mapping[int, Path]
@@ -230,7 +233,9 @@ def index_episodes(pool: RunPool) -> EpisodeIndex:
             names = ", ".join(str(path.relative_to(run.path)) for path in strays[:3])
             more = "" if len(strays) <= 3 else f" and {len(strays) - 3} more"
             notes.append(f"{run.path}: {len(strays)} traces without their episode, not shown: {names}{more}")
-    return EpisodeIndex(rows, stories, dict(sorted(there.items())), tuple(notes), *_pairs(rows))
+    return EpisodeIndex(
+        pool.runs[0].data, rows, stories, dict(sorted(there.items())), tuple(notes), *_pairs(rows)
+    )
 
 
 def _pairs(rows: Sequence[Row]) -> tuple[dict[int, int], dict[int, str]]:

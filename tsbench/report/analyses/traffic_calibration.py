@@ -29,8 +29,7 @@ from tsbench.report.analyses.analysis import Analysis, Row, Table
 from tsbench.report.analyses.columns import count_columns, number_columns, text_columns
 from tsbench.report.analyses.run_pool import EpisodeIndex, RunPool
 from tsbench.run.edition import contract_now, standing_contract
-from tsbench.scenarios.certificates import certificates_path, read_certificates
-from tsbench.scenarios.table import read_table, table_path
+from tsbench.scenarios.certificates import certificates_of
 from tsbench.sim.world import DT_S
 
 _OURS, _NUPLAN = "#d55e00", "#0072b2"
@@ -99,12 +98,11 @@ def traffic(pool: RunPool, index: EpisodeIndex) -> Analysis | None:
 
     That is so for scenarios that are not those of this tsbench, without certificates, or without traced traffic.
     """
-    split = str(pool.runs[0].manifest["effective"]["split"])
-    path = table_path(split)
-    if not path.is_file() or not certificates_path().is_file():
+    split, data = str(pool.runs[0].manifest["effective"]["split"]), pool.runs[0].data
+    if split not in data.splits or not data.certificates_path.is_file():
         return None
-    table = read_table(path)
-    if standing_contract(contract_now(split)) != pool.contract:
+    table = data.table(split)
+    if standing_contract(contract_now(data, split)) != pool.contract:
         return None
     driven = {row["scenario_id"] for row in index.rows}
     rows = [spec for spec in table if spec.scenario_id in driven]
@@ -113,7 +111,7 @@ def traffic(pool: RunPool, index: EpisodeIndex) -> Analysis | None:
         traced.setdefault(index.rows[row]["scenario_id"], row)
     sample = sample_rows([spec for spec in rows if spec.scenario_id in traced], _EPISODES)
     cruise = background_speeds(read_trace(index.traces[traced[spec.scenario_id]]) for spec in sample)
-    proven = (c for c in read_certificates(certificates_path()) if c.scenario_id in driven)
+    proven = (c for c in certificates_of(data) if c.scenario_id in driven)
     densities = np.array([c.realised_density for c in proven if c.asked_density])
     initial = grid_speeds(rows)
     if not (len(initial) and len(cruise) and len(densities)):

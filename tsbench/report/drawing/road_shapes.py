@@ -12,13 +12,13 @@ import numpy as np
 import shapely
 
 from tsbench.core.parquet import GROUND_FILE, GROUND_KINDS, GROUND_SCHEMA, open_table
-from tsbench.core.paths import dataset_file, mirrored_in_use
 from tsbench.geometry.overlap import strip
 from tsbench.geometry.polyline import Polyline
 from tsbench.report.drawing.canvas import STYLE
 from tsbench.report.drawing.shapes import Area, Line, dashes, lane_area, rounded
 from tsbench.roads.network import Edge, Lane, RoadNetwork
 from tsbench.roads.road_map import Crossing
+from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.annotations import TARGET, SignInstance
 from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim import main_road
@@ -286,11 +286,11 @@ _MIRROR = np.array((-1.0, 1.0))
 
 def ground_shapes(map_id: str) -> tuple[Area, ...]:
     """Of a map of the data set in use, lowest first; () where nothing is known. Raises InputError: a broken file."""
-    path = dataset_file(GROUND_FILE)
+    path = DataSet.in_use().file(GROUND_FILE)
     if not path.is_file():
         return ()
     shapes = _ground_of_maps(path).get(map_id, ())
-    if not mirrored_in_use():
+    if not DataSet.in_use().mirrored:
         return shapes
     return tuple(
         Area(one.colour, shapely.transform(one.polygon, lambda points: points * _MIRROR)) for one in shapes

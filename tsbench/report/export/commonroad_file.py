@@ -35,7 +35,8 @@ from tsbench.report.export.commonroad_lanelets import (
     points,
     traffic_sign,
 )
-from tsbench.scenarios.map_pool import POOL_SCHEMA, pool_file
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.map_pool import POOL_SCHEMA
 from tsbench.sim.scene import Obstacle, Scene
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind
 
@@ -97,7 +98,9 @@ def benchmark_id(trace: Trace) -> str:
 
 @lru_cache(maxsize=1)
 def _places() -> dict[str, tuple[float, float]]:
-    table = open_table(pool_file(), POOL_SCHEMA, "tsbench maps harvest makes it", ("map_id", "lat", "lon"))
+    table = open_table(
+        DataSet.in_use().pool_path, POOL_SCHEMA, "tsbench maps harvest makes it", ("map_id", "lat", "lon")
+    )
     return {row["map_id"]: (row["lat"], row["lon"]) for row in table.to_pylist()}
 
 

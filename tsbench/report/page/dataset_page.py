@@ -32,23 +32,23 @@ from tsbench.report.page.page_format import (
     render_page,
 )
 from tsbench.report.scene_pictures import scene_picture
-from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
-from tsbench.scenarios.map_pool import POOL_SCHEMA, pool_file
+from tsbench.scenarios.certificates import Certificate, certificates_of
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.map_pool import POOL_SCHEMA
 from tsbench.scenarios.scene_loader import SceneLoader, load_scene
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.signs.catalog import Catalog, load_catalog
 from tsbench.signs.model import ScenarioType, Sign
 from tsbench.signs.plates import plate_svg
 
 _COLUMNS = ("map_id", "source", "east", "north", "lat", "lon", "road_class")
 
 
-def pack_places(rows: Sequence[ScenarioSpec]) -> bytes:
+def pack_places(pool: Path, rows: Sequence[ScenarioSpec]) -> bytes:
     """Header: unit (m), east0, north0 (UTM 37 north), sources [name, x, y], used maps; arrays x, y of the whole pool.
 
     A used map: id, x, y, lat, lon, road class, source, split, types.
     """
-    table = open_table(pool_file(), POOL_SCHEMA, "tsbench maps harvest makes it", _COLUMNS)
+    table = open_table(pool, POOL_SCHEMA, "tsbench maps harvest makes it", _COLUMNS)
     column: dict[str, list[Any]] = {name: table[name].to_pylist() for name in _COLUMNS}
     east, north = np.array(column["east"]), np.array(column["north"])
     middle = (float(np.median(east)), float(np.median(north)))
@@ -97,26 +97,29 @@ def scene_blob(type_id: str, map_id: str) -> str:
 
 
 def pack_scenes(
-    groups: Mapping[Group, Sequence[ScenarioSpec]], workers: int, progress: Callable[[int, int], None]
+    data: DataSet,
+    groups: Mapping[Group, Sequence[ScenarioSpec]],
+    workers: int,
+    progress: Callable[[int, int], None],
 ) -> Iterator[tuple[Group, bytes, set[str]]]:
     """Blobs in the groups' order (`roads` by network, `scenes` by id, each with its `net`), and the plates in them."""
     with worker_processes(min(workers, len(groups)), "packing scenes") as pool:
-        packed = pool.ordered(_pack, ((rows,) for rows in groups.values()))
+        packed = pool.ordered(_pack, ((data, rows) for rows in groups.values()))
         for done, (key, (content, plates)) in enumerate(zip(groups, packed, strict=True), start=1):
             progress(done, len(groups))
             yield key, content, plates
 
 
 @cache
-def _loader() -> SceneLoader:
-    return SceneLoader()
+def _loader(data: DataSet) -> SceneLoader:
+    return SceneLoader(data)
 
 
-def _pack(rows: Sequence[ScenarioSpec]) -> tuple[bytes, set[str]]:
+def _pack(data: DataSet, rows: Sequence[ScenarioSpec]) -> tuple[bytes, set[str]]:
     scenes, nets = {}, {}
     plates: set[str] = set()
     for row in rows:
-        scene, roads = _loader().load(row)
+        scene, roads = _loader(data).load(row)
         # The halves of a pair are of one variant, and may have networks of their own.
         shown = drawing(scene_shapes(scene, roads.graph, start=True))
         scenes[row.scenario_id] = {**shown, "net": row.net_sha256}
@@ -203,32 +206,33 @@ _QUALITY = 82
 Progress = Callable[[int, int], None]
 
 
-def write_dataset_page(rows: Sequence[ScenarioSpec], out: Path, workers: int, progress: Progress) -> int:
+def write_dataset_page(
+    data: DataSet, rows: Sequence[ScenarioSpec], out: Path, workers: int, progress: Progress
+) -> int:
     """Write the page of `rows`; returns its size in bytes. progress(done, of): scenes of maps packed.
 
     Raises InputError: no rows, a scene file or certificate that is missing or changed, a page over 20 MB.
     """
     if not rows:
         raise InputError("no scenario is selected (tsbench scenarios list names them)")
-    catalog = load_catalog()
-    rows = sorted(rows, key=lambda row: (catalog.type(row.scenario_type).row, row.map_id, row.variant))
-    proofs = _certificates(rows)
+    rows = sorted(rows, key=lambda row: (data.catalog.type(row.scenario_type).row, row.map_id, row.variant))
+    proofs = _certificates(data, rows)
     groups: dict[Group, list[ScenarioSpec]] = defaultdict(list)
     for row in rows:
         groups[(row.scenario_type, row.map_id)].append(row)
     blobs = {
-        "places": pack_places(rows),
+        "places": pack_places(data.pool_path, rows),
         "scenarios": pack_rows(rows, proofs),
         "details": pack_details(rows, proofs),
     }
     plates: set[str] = set()
-    for key, packed, shown in pack_scenes(groups, workers, progress):
+    for key, packed, shown in pack_scenes(data, groups, workers, progress):
         blobs[scene_blob(*key)] = packed
         plates |= shown
     pictures = {key: plate_of(key) for key in sorted(plates)}
     text = render_page(
         "dataset.html", title="tsbench scenarios", data={"plates": pictures}, blobs=blobs,
-        scripts=("dataset_map.js", "dataset.js"), cards=_cards(rows, catalog), facts=_facts(rows, proofs),
+        scripts=("dataset_map.js", "dataset.js"), cards=_cards(data, rows), facts=_facts(rows, proofs),
     )  # fmt: skip
     content = text.encode()
     if len(content) > LARGEST_BYTES:
@@ -238,16 +242,17 @@ def write_dataset_page(rows: Sequence[ScenarioSpec], out: Path, workers: int, pr
     return len(content)
 
 
-def _certificates(rows: Sequence[ScenarioSpec]) -> list[Certificate]:
-    path = certificates_path()
-    known = {c.scenario_id: c for c in read_certificates(path)}
+def _certificates(data: DataSet, rows: Sequence[ScenarioSpec]) -> list[Certificate]:
+    known = {c.scenario_id: c for c in certificates_of(data)}
     missing = [row.scenario_id for row in rows if row.scenario_id not in known]
     if missing:
-        raise InputError(f"{path}: no certificate for {missing[0]} (tsbench scenarios build makes it)")
+        raise InputError(
+            f"{data.certificates_path}: no certificate for {missing[0]} (tsbench scenarios build makes it)"
+        )
     return [known[row.scenario_id] for row in rows]
 
 
-def _cards(rows: Sequence[ScenarioSpec], catalog: Catalog) -> list[dict[str, Any]]:
+def _cards(data: DataSet, rows: Sequence[ScenarioSpec]) -> list[dict[str, Any]]:
     stats: dict[str, list[TypeStats]] = defaultdict(list)
     for entry in type_stats(rows):
         stats[entry.type_id].append(entry)
@@ -255,14 +260,14 @@ def _cards(rows: Sequence[ScenarioSpec], catalog: Catalog) -> list[dict[str, Any
     for row in rows:
         first.setdefault(row.scenario_type, row)
     return [
-        _card(kind, catalog, stats[kind.id], first[kind.id]) for kind in catalog.types if kind.id in first
+        _card(kind, data, stats[kind.id], first[kind.id]) for kind in data.catalog.types if kind.id in first
     ]
 
 
 def _card(
-    kind: ScenarioType, catalog: Catalog, stats: Sequence[TypeStats], example: ScenarioSpec
+    kind: ScenarioType, data: DataSet, stats: Sequence[TypeStats], example: ScenarioSpec
 ) -> dict[str, Any]:
-    signs = [catalog.sign(code) for code in kind.codes]
+    signs = [data.catalog.sign(code) for code in kind.codes]
     n = sum(entry.rows for entry in stats)
     shares = {
         name: f"{100 * sum(getattr(entry, name) * entry.rows for entry in stats) / n:.0f} %"
@@ -278,7 +283,7 @@ def _card(
         "counts": [f"{entry.split} {entry.rows:,} on {entry.maps} maps" for entry in stats],
         "shares": shares,
         "example": example.scenario_id,
-        "picture": _picture(example),
+        "picture": _picture(data, example),
     }
 
 
@@ -290,8 +295,8 @@ def _svg_uri(sign: Sign, example: ScenarioSpec) -> str:
     return f"data:image/svg+xml;base64,{b64encode(plate_svg(sign.code, value).encode()).decode()}"
 
 
-def _picture(example: ScenarioSpec) -> str:
-    page = scene_picture(load_scene(example), example.scenario_id, _PICTURE, map_id=example.map_id)
+def _picture(data: DataSet, example: ScenarioSpec) -> str:
+    page = scene_picture(load_scene(data, example), example.scenario_id, _PICTURE, map_id=example.map_id)
     view = np.ascontiguousarray(page[_PICTURE.header_px : -_PICTURE.footer_px])
     file = io.BytesIO()
     PilImage.fromarray(view).save(file, format="WEBP", quality=_QUALITY, method=6)

@@ -33,6 +33,7 @@ from tsbench.report.page.page_format import deltas, drawing, pack, plate_key, pl
 from tsbench.report.time_to_collision import FARTHEST_S, times_to_collision, times_to_conflict
 from tsbench.report.wording import episode_subtitle, episode_title, readable, unit_words
 from tsbench.roads.planner_map import build_planner_map
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.signs.annotations import DISTRACTOR
 from tsbench.signs.plate_params import GiveWayParams
@@ -62,8 +63,8 @@ class Packed:
 class EpisodePacker:
     """Packs traces; networks that several of them share are read once."""
 
-    def __init__(self, loader: SceneLoader | None = None) -> None:
-        self._loader = SceneLoader() if loader is None else loader
+    def __init__(self, data: DataSet, loader: SceneLoader | None = None) -> None:
+        self._data, self._loader = data, SceneLoader(data) if loader is None else loader
         self._roads: dict[str, bytes] = {}
 
     def pack(self, path: Path, key: tuple[str, str]) -> Packed:

@@ -27,6 +27,7 @@ from tsbench.report.page.episode_player import EpisodePacker, Packed, pack_plate
 from tsbench.report.page.page_format import render_page
 from tsbench.report.page.report_sections import about, episodes_table, heading, sections
 from tsbench.run.log.read import StoredRun
+from tsbench.scenarios.data_set import DataSet
 
 # Fewer are packed sooner than processes have started.
 _FEW = 64
@@ -88,7 +89,7 @@ def embed(index: EpisodeIndex, room: int, workers: int, progress: Callable[[int,
 
 
 def _packed(index: EpisodeIndex, order: list[int], workers: int) -> Iterator[tuple[int, Packed | str]]:
-    jobs = [(index.traces[row], index.key(row)) for row in order]
+    jobs = [(index.data, index.traces[row], index.key(row)) for row in order]
     if workers <= 1 or len(jobs) < _FEW:
         yield from ((row, _pack(*job)) for row, job in zip(order, jobs, strict=True))
         return
@@ -96,18 +97,18 @@ def _packed(index: EpisodeIndex, order: list[int], workers: int) -> Iterator[tup
         yield from zip(order, pool.ordered(_pack, jobs), strict=True)
 
 
-def _pack(trace: Path, key: Key) -> Packed | str:
+def _pack(data: DataSet, trace: Path, key: Key) -> Packed | str:
     """An episode, or in one line why not: one bad trace is no reason to have no report."""
     try:
-        return _packer().pack(trace, key)
+        return _packer(data).pack(trace, key)
     except InputError as problem:
         return str(problem)
 
 
 @cache
-def _packer() -> EpisodePacker:
+def _packer(data: DataSet) -> EpisodePacker:
     """One for each process."""
-    return EpisodePacker()
+    return EpisodePacker(data)
 
 
 MEGABYTE = 1_000_000

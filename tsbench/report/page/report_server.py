@@ -50,6 +50,7 @@ class OpenedRun:
     mark: tuple[tuple[int, int], ...]
     pool: RunPool
     index: EpisodeIndex
+    packer: EpisodePacker
     page: bytes = b""
     roads: dict[str, bytes] = field(default_factory=dict)
 
@@ -60,7 +61,6 @@ class Library:
     def __init__(self, runs: Sequence[Path]) -> None:
         self.runs = tuple(runs)
         self._opened: dict[int, OpenedRun] = {}
-        self._packers = [EpisodePacker() for _ in self.runs]
         self._locks = [threading.Lock() for _ in self.runs]
 
     def index(self) -> bytes:
@@ -79,7 +79,7 @@ class Library:
         with self._lock(number):
             run = self._open(number)
             if kind == "episode":
-                return self._episode(run, self._packers[number], name)
+                return self._episode(run, name)
             if kind == "plate":
                 try:
                     return pack_plate(name)
@@ -94,7 +94,7 @@ class Library:
             raise NotThere(f"no run {number}")
         return self._locks[number]
 
-    def _episode(self, run: OpenedRun, packer: EpisodePacker, name: str) -> bytes:
+    def _episode(self, run: OpenedRun, name: str) -> bytes:
         row = int(name) if name.isascii() and name.isdecimal() else -1
         path = run.index.traces.get(row)
         if path is None:
@@ -102,7 +102,7 @@ class Library:
         home = run.pool.home[run.index.rows[row]["planner"]].path
         if not path.resolve().is_relative_to(home.resolve()):
             raise NotThere(f"the trace of episode {name} lies outside its run")
-        packed = packer.pack(path, run.index.key(row))
+        packed = run.packer.pack(path, run.index.key(row))
         run.roads[packed.net] = packed.roads
         return packed.episode
 
@@ -115,7 +115,8 @@ class Library:
         opened = self._opened.get(number)
         if opened is None or (again and opened.mark != mark):
             pool = read_pool([path], allow_partial=True, under_way=True)
-            opened = self._opened[number] = OpenedRun(mark, pool, index_episodes(pool))
+            index = index_episodes(pool)
+            opened = self._opened[number] = OpenedRun(mark, pool, index, EpisodePacker(index.data))
         return opened
 
 

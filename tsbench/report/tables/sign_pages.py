@@ -34,10 +34,10 @@ from tsbench.report.page.page_format import environment
 from tsbench.report.scene_pictures import moment
 from tsbench.report.wording import OPTIONS, THRESHOLDS, in_values, option_words, readable, threshold_value
 from tsbench.rules.monitor import Violation
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
-from tsbench.scenarios.table import read_table, table_path
-from tsbench.signs.catalog import Catalog, load_catalog
+from tsbench.signs.catalog import Catalog
 from tsbench.signs.countries import Country
 from tsbench.signs.model import ScenarioType, Sign
 from tsbench.sim.world import DT_S
@@ -99,12 +99,11 @@ class Drives:
 class PageMaker:
     """Drives test scenes and writes `<type>.md` with its pictures below `out`."""
 
-    def __init__(self, out: Path) -> None:
-        self.out = out
-        self._catalog: Catalog = load_catalog()
+    def __init__(self, data: DataSet, out: Path) -> None:
+        self.out, self._data, self._catalog = out, data, data.catalog
         self._rows: dict[str, list[ScenarioSpec]] = defaultdict(list)
         self._contrast: dict[str, ScenarioSpec] = {}
-        for row in read_table(table_path("test")):
+        for row in data.table("test"):
             if row.half == CONTRAST:
                 self._contrast[row.pair_id] = row
             else:
@@ -122,14 +121,20 @@ class PageMaker:
             raise InputError(f"{type_id}: no test scenarios (tsbench scenarios build makes them)")
         drives = self._drives(type_id)
         broken, obeyed = drives.broken, drives.obeyed
-        scene = load_scene(broken.spec)
+        scene = load_scene(self._data, broken.spec)
         folder = self.out / "pictures"
         _save_small(folder / f"{type_id}.png", moment(broken, scene, None))
         films = {"violation": broken, "pass": obeyed, "contrast": drives.kept, "repeated": drives.repeated}
         for name, trace in films.items():
             if trace is not None:
                 span = _span(trace, _decisive(broken, trace))
-                render_gif(trace, load_scene(trace.spec), folder / f"{type_id}-{name}.gif", GIF_SIZE, span)
+                render_gif(
+                    trace,
+                    load_scene(self._data, trace.spec),
+                    folder / f"{type_id}-{name}.gif",
+                    GIF_SIZE,
+                    span,
+                )
         path = self.out / f"{type_id}.md"
         write_atomic(path, self._text(kind, drives).encode())
         return path
@@ -181,7 +186,7 @@ class PageMaker:
         if key not in self._runners:
             others = list(self._runners.values())
             sim = others[0].simulation if others else None
-            self._runners[key] = EpisodeRunner(replace(planner, name=name), simulation=sim)
+            self._runners[key] = EpisodeRunner(replace(planner, name=name), simulation=sim, data=self._data)
         return trace_of(self._runners[key].run(row))
 
     def _text(self, kind: ScenarioType, drives: Drives) -> str:

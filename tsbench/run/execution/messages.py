@@ -15,6 +15,7 @@ from tsbench.episode.perception_level import Perception
 from tsbench.run.execution.task_queue import Task
 from tsbench.run.log.record import Record
 from tsbench.run.planner_info import PlannerInfo
+from tsbench.scenarios.data_set import DataSet
 
 M = TypeVar("M")
 
@@ -28,10 +29,10 @@ class Setup:
     """What all workers of a run are told.
 
     planners: by `Task.planner`. device: where their networks run. out: the run folder, for traces. trace: none,
-    violations, all. split, contract: what a worker on another machine must have too. runner: module:Class of what runs
-    episodes, made with a `LoadedPlanner`, `perception`, `heartbeat` and `options`; recorder: module:function from its
-    result to a record. loader: module:function from a `PlannerInfo` and `hidden` to a `LoadedPlanner`, "" = planners
-    run in the worker; hidden: what they must not find.
+    violations, all. data, split, contract: what a worker on another machine must have too. runner: module:Class of
+    what runs episodes, made with a `LoadedPlanner`, `perception`, `heartbeat`, `data` and `options`; recorder:
+    module:function from its result to a record. loader: module:function from a `PlannerInfo` and `hidden` to a
+    `LoadedPlanner`, "" = planners run in the worker; hidden: what they must not find.
     """
 
     planners: tuple[PlannerInfo, ...]
@@ -39,6 +40,7 @@ class Setup:
     device: str
     trace: str
     out: str
+    data: DataSet
     split: str
     contract: str
     runner: str = RUNNER

@@ -13,7 +13,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import CITY, check_driven
 from tsbench.episode.trace import trace_path
 from tsbench.run.contract import code_hash
 from tsbench.run.edition import contract_now, standing_contract
@@ -33,14 +32,12 @@ class Handshake:
 
     code: hash of its tsbench (`contract.code_hash`).
     data: its folder of data, "" = tsbench's.
-    city: whose data set.
     """
 
     code: str
     cwd: str
     sys_path: tuple[str, ...]
     data: str
-    city: str
     limits: Limits
 
 
@@ -55,7 +52,6 @@ class RayActor:
         sys.path += [place for place in told.sys_path if place not in sys.path]
         if told.data:
             os.environ.setdefault(_DATA, told.data)
-        os.environ[CITY] = told.city
         self._code = told.code
         self._folder = OwnFolder(ACTOR)
         self._setup: Setup
@@ -79,7 +75,7 @@ class RayActor:
                 f"its tsbench is {code_hash()[:12]}, the run's {self._code[:12]}: install the same tsbench there"
             )
         try:
-            contract = standing_contract(contract_now(told.split))
+            contract = standing_contract(contract_now(told.data, told.split))
             if contract != told.contract:
                 return _refused(
                     f"its contract is {contract[:12]}, the run's is {told.contract[:12]}: "
@@ -128,8 +124,4 @@ def _refused(problem: str) -> bytes:
 
 def handshake(limits: Limits) -> bytes:
     """What an actor is told by the machine that the run is started on."""
-    return encode(
-        Handshake(
-            code_hash(), str(Path.cwd()), tuple(sys.path), os.environ.get(_DATA, ""), check_driven(), limits
-        )
-    )
+    return encode(Handshake(code_hash(), str(Path.cwd()), tuple(sys.path), os.environ.get(_DATA, ""), limits))

@@ -208,6 +208,7 @@ class Worker:
             loaded.on(setup.device),
             perception=setup.perception,
             heartbeat=self._heartbeat.beat,
+            data=setup.data,
             **setup.options,
         )
         return runner

@@ -103,9 +103,10 @@ class Decoder:
         if self._view is not None:
             assert isinstance(roads, RoadNetwork)
             assert told.sign is not None
-            rule = load_catalog().sign(told.sign.code).rule
+            catalog = load_catalog(mirrored=roads.left_hand)
+            rule = catalog.sign(told.sign.code).rule
             sign = replace(told.sign, params=plate_params(rule.name, told.params, binds=False))
-            privilege = Privilege(sign, rule, roads, self._view)
+            privilege = Privilege(sign, catalog, roads, self._view)
             roads = self._view.map
         return PlannerContext(told.seed, roads, self._graph, told.destination, told.dt, privilege)
 

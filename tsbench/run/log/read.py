@@ -14,9 +14,10 @@ from tsbench.core.errors import InputError
 from tsbench.episode.perception_level import Perception
 from tsbench.run.edition import edition_of, standing_contract
 from tsbench.run.log.journal import JOURNAL, lines_so_far
-from tsbench.run.log.manifest import NAME, Manifest, perception_of, planners_of, read_manifest
+from tsbench.run.log.manifest import NAME, Manifest, city_of, perception_of, planners_of, read_manifest
 from tsbench.run.log.rescored import tell_rescored
 from tsbench.run.log.tables import file_hashes, read_table, tables_of
+from tsbench.scenarios.data_set import DataSet
 
 EPISODES = "episodes.parquet"
 _ENDED = ("complete", "interrupted")
@@ -58,8 +59,13 @@ class StoredRun:
         return standing_contract(str(self.manifest["contract"]))
 
     @property
+    def data(self) -> DataSet:
+        """What it was driven on."""
+        return DataSet.named(city_of(self.manifest))
+
+    @property
     def edition(self) -> str:
-        return edition_of(self.contract, self.manifest.get("edition"))
+        return edition_of(self.contract, self.manifest.get("edition"), self.data)
 
     @property
     def perception(self) -> Perception:

@@ -13,6 +13,7 @@ from tsbench.core.files import io_errors_as_input_errors, write_json
 from tsbench.core.typed import read_typed
 from tsbench.run.edition import edition_here, standing_contract
 from tsbench.run.log.tables import file_hashes
+from tsbench.scenarios.data_set import DataSet
 
 NAME = "rescored.json"
 SCHEMA_VERSION: Literal[1] = 1
@@ -37,10 +38,12 @@ class Rescored:
     schema_version: Literal[1] = SCHEMA_VERSION
 
 
-def write_rescored(folder: Path, contract: str, traces: int, untraced: int, disagreements: int) -> None:
+def write_rescored(
+    folder: Path, data: DataSet, contract: str, traces: int, untraced: int, disagreements: int
+) -> None:
     """Write down how judging a run again ended. Raises InputError where the folder takes nothing."""
     hashes = file_hashes(folder)
-    judged, edition = {name: hashes[name] for name in _JUDGED}, edition_here(contract)
+    judged, edition = {name: hashes[name] for name in _JUDGED}, edition_here(contract, data)
     told = Rescored(judged, contract, edition, tsbench.__version__, traces, untraced, disagreements)
     with io_errors_as_input_errors(folder):
         write_json(folder / NAME, {"schema_version": SCHEMA_VERSION, **asdict(told)})
