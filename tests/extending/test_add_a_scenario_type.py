@@ -18,7 +18,7 @@ from pool_builders import two_way
 from simworld import LIMIT, simulation, store_scenes
 from tsbench.dataset.scenes import map_scenarios
 from tsbench.dataset.scenes.recipe import load_recipe
-from tsbench.scenarios.table import write_table, table_path
+from tsbench.scenarios.table import write_table
 from tsbench.signs.catalog import load_catalog
 
 row, crop = two_way(speed=LIMIT)

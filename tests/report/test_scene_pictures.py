@@ -254,7 +254,7 @@ def test_a_country_changes_the_caption_only(trace: Trace, scene: Scene) -> None:
 @pytest.fixture
 def run(tmp_path: Path, trace: Trace, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> Path:
     assert trace.planner == "idm"
-    monkeypatch.setattr(module, "load_scene", lambda _: scene)
+    monkeypatch.setattr(module, "load_scene", lambda *_: scene)
     return tmp_path / "run"
 
 

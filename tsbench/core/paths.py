@@ -106,35 +106,6 @@ def using_city(name: str) -> Iterator[None]:
             os.environ[CITY] = before
 
 
-def dataset_file(name: str) -> Path:
-    """A file or folder of the data set in use: the pool, tables, scenes, certificates."""
-    return data_file(f"{_dataset()}{name}")
-
-
-def dataset_root() -> Path:
-    """The folder that the data set in use is made in. Raises InputError for a mirrored one: it is made of another."""
-    if mirrored_in_use():
-        raise InputError(
-            f"{city_in_use()}: is made of {source_city()} as it is read: nothing of its own is built or written"
-        )
-    return data_root() / _dataset()
-
-
-def _dataset() -> str:
-    city = source_city()
-    return "" if city == OWN_CITY else f"cities/data/{city}/"
-
-
-def fetch_hint(part: str) -> str:
-    """The words that say how to get a set of the data (`core.fetch`) that is not here."""
-    city = source_city()
-    if city in SHIPPED_CITIES:
-        part = city
-    elif city != OWN_CITY:
-        return f"tsbench city build {city} --osm DIR"
-    return f"tsbench data fetch --from DIR|URL {part}"
-
-
 def fetch_root() -> Path:
     return roots()[-1]
 
@@ -211,8 +182,7 @@ def driven_as(name: str, side: str) -> str:
 
 def driven_city(name: str) -> str:
     """The data set that is driven where a user names a city; a name without a description stays as it is."""
-    with using_city(name):
-        path = cities_folder() / f"{name}.yaml"
+    path = cities_folder() / f"{checked_city(name)}.yaml"
     return driven_as(name, _side(path) if path.is_file() else RIGHT)
 
 
@@ -222,20 +192,8 @@ def _side(path: Path) -> str:
     return str(described.get("side", RIGHT)) if isinstance(described, dict) else RIGHT
 
 
-def check_driven() -> str:
-    """The data set in use. Raises InputError for one that only stores another, whose roads are not as they are."""
-    city = city_in_use()
-    if (driven := driven_city(city)) != city:
-        raise InputError(f"TSBENCH_CITY {city}: is stored in a mirror; name {driven}, or use --city")
-    return city
-
-
 @contextmanager
-def driving(city: str | None) -> Iterator[str]:
-    """Within it the data set is in use that is driven for a city, and its name is given; None: the one already in use.
-
-    Raises InputError for a data set that only stores the mirror of another.
-    """
-    driven = check_driven() if city is None else driven_city(city)
-    with using_city(driven):
-        yield driven
+def driving(city: str) -> Iterator[None]:
+    """Within it pictures show the plates of what is driven for a city."""
+    with using_city(driven_city(city)):
+        yield

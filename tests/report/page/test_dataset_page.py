@@ -142,7 +142,7 @@ def test_what_cannot_be_shown_is_one_line(
         main(["scenarios", "browse", "--types", "fly"])
     assert ended.value.code == 2
     assert "--types fly: no such type" in capsys.readouterr().err
-    monkeypatch.setattr(module, "read_certificates", lambda _: [])
+    monkeypatch.setattr(module, "certificates_of", lambda _: [])
     with pytest.raises(InputError, match="no certificate for "):
         write_dataset_page(DataSet.in_use(), rows[:1], tmp_path / "a.html", 1, lambda *_: None)
     assert list(tmp_path.iterdir()) == []

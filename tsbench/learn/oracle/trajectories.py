@@ -36,7 +36,7 @@ from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import WorldSnapshot
 
 # What is said where a table of the oracle's is missing: the released ones do not come with the package.
-ORIGIN = f"{DataSet.in_use().fetch_hint('oracle')} brings the released one, tsbench oracle select makes one"
+ORIGIN = f"{DataSet().fetch_hint('oracle')} brings the released one, tsbench oracle select makes one"
 
 # Steps of the stored commands in a unit: 1e-3 m/s2 and 1e-4 rad. The vehicle's limits take a fifth of an int16.
 STEPS = (1000, 10000)
