@@ -18,7 +18,6 @@ from tsbench.report.scene_pictures import moment
 from tsbench.run.arguments import keywords, path_of
 from tsbench.run.log.manifest import city_of
 from tsbench.run.log.read import StoredRun
-from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import load_scene
 
 _HEIGHT_PX = 720
@@ -60,7 +59,7 @@ class Shown:
         """The picture of one moment, PNG. Raises InputError for a time outside of the episode."""
         with keywords(), driving(city_of(self.run.manifest)):
             return Picture(
-                png_bytes(moment(self.trace, load_scene(DataSet.in_use(), self.trace.spec), self.time))
+                png_bytes(moment(self.trace, load_scene(self.run.data, self.trace.spec), self.time))
             )
 
     def save(self, path: str | Path) -> Path:

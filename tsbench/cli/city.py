@@ -71,6 +71,7 @@ def show(png: Path | None, streets: bool, rose: Path | None, osm_dir: Path | Non
     """The extracts of a city, its maps, and which types it carries: on how many maps, and why not on more."""
     from tsbench.dataset.maps.stats import draw_pool
 
+    data = DataSet.in_use()
     found = chosen_city()
     click.echo(found.title)
     _show_country(found.country, country_in_use())
@@ -78,10 +79,10 @@ def show(png: Path | None, streets: bool, rose: Path | None, osm_dir: Path | Non
         click.echo(f"{extract.sha256} {extract.name}, {extract.date}, {extract.licence}: {extract.address}")
     if streets or rose is not None:
         _show_streets(found, osm_dir, rose)
-    if not DataSet.in_use().pool_path.is_file():
+    if not data.pool_path.is_file():
         click.echo(f"nothing is built yet: tsbench city build {found.name} --osm DIR")
         return
-    pool = read_pool(DataSet.in_use().pool_path)
+    pool = read_pool(data.pool_path)
     _show_types(found, pool)
     if png is not None:
         draw_pool(pool, png)
@@ -205,15 +206,14 @@ def build(types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Build a city's data set: pool, pairs of every type in dev and test, certificates. Resumable."""
     from tsbench.dataset.scenes.city_build import build_city
 
-    chosen, found = options.types_of(DataSet.in_use(), types), chosen_city()
+    data = DataSet.in_use()
+    chosen, found = options.types_of(data, types), chosen_city()
     with bars() as show:
         build_city(chosen, osm_dir or sources_dir(), workers, show, lambda note: print_notes([note]))
-    _show_types(found, read_pool(DataSet.in_use().pool_path), chosen)
-    there = [split for split in DataSet.in_use().splits if DataSet.in_use().table(split)]
+    _show_types(found, read_pool(data.pool_path), chosen)
+    there = [split for split in data.splits if data.table(split)]
     split = "test" if "test" in there else there[0]
-    click.echo(
-        f"{edition_now(DataSet.in_use())}: tsbench run --city {found.name} --split {split} --planner idm"
-    )
+    click.echo(f"{edition_now(data)}: tsbench run --city {found.name} --split {split} --planner idm")
 
 
 @city.command("ground")

@@ -66,7 +66,8 @@ def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None,
     from tsbench.dataset.scenes.build import BuildRequest, build_scenarios
     from tsbench.dataset.scenes.overview import shown_reason
 
-    chosen, root = options.types_of(DataSet.in_use(), types), DataSet.in_use().folder / "scenarios"
+    data = DataSet.in_use()
+    chosen, root = options.types_of(data, types), data.folder / "scenarios"
     with bars() as show:
         reports = build_scenarios(
             BuildRequest(chosen, osm_dir or sources_dir(), root, workers, splits=splits or SPLITS), show
@@ -98,13 +99,14 @@ def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None,
 @options.workers
 def certify(types: tuple[str, ...], split: str | None, each: int | None, workers: int) -> None:
     """Drive rows once more in other processes and renew their certificates. Resumable; exit code 1 if any fails."""
-    rows = options.rows_of(DataSet.in_use(), split, types)
+    data = DataSet.in_use()
+    rows = options.rows_of(data, split, types)
     if each is not None:
         rows = draw_sample(rows, each)
-    check_files(rows, DataSet.in_use())
+    check_files(rows, data)
     with bars() as show:
         failures = recertify(
-            rows, DataSet.in_use().folder / "scenarios", workers, lambda n: show("certify", n, len(rows))
+            rows, data.folder / "scenarios", workers, lambda n: show("certify", n, len(rows))
         )
     _end(len(rows), failures, "without a valid certificate")
 
@@ -186,10 +188,11 @@ def verify(split: str | None) -> None:
 @click.option("--each", type=options.POSITIVE, metavar="N", help="N pairs of each type, drawn; default: all.")
 def lint(types: tuple[str, ...], split: str | None, each: int | None) -> None:
     """Check where plates stand (sign_catalog/places.yaml) and whether vehicles break them; exit code 1 if so."""
-    rows = options.rows_of(DataSet.in_use(), split, types)
+    data = DataSet.in_use()
+    rows = options.rows_of(data, split, types)
     rows = rows if each is None else draw_sample(rows, each)
     with bars() as show:
-        found = lint_rows(rows, SceneLoader(DataSet.in_use()), lambda n: show("lint", n, len(rows)))
+        found = lint_rows(rows, SceneLoader(data), lambda n: show("lint", n, len(rows)))
     table = [tuple(map(str, line)) for line in finding_counts(found)]
     print_table(("kind", "signs", "plates", "targets", "rows"), table, left=2)
     _end(len(rows), [(f.scenario_id, str(f)) for f in found], "findings")
@@ -232,11 +235,10 @@ def browse(types: tuple[str, ...], split: str | None, out: Path, workers: int) -
     """Write one page to look at the data set: types, places, scenes, certificates. At most 20 MB, opens from disk."""
     from tsbench.report.page.dataset_page import write_dataset_page  # brings pictures
 
-    rows = options.rows_of(DataSet.in_use(), split, types)
+    data = DataSet.in_use()
+    rows = options.rows_of(data, split, types)
     with bars() as show:
-        size = write_dataset_page(
-            DataSet.in_use(), rows, out, workers, lambda done, of: show("maps", done, of)
-        )
+        size = write_dataset_page(data, rows, out, workers, lambda done, of: show("maps", done, of))
     click.echo(f"{out}: {len(rows):,} scenarios, {size / 1e6:.1f} MB")
 
 
@@ -248,15 +250,14 @@ def calibration(split: str | None, limit: int, out: Path) -> None:
     """Initial speed, cruise speed and density against nuPlan's: KS distances and a figure of the CDFs."""
     from tsbench.report.analyses.traffic_calibration import calibration as compared
 
-    rows = options.rows_of(DataSet.in_use(), split)
+    data = DataSet.in_use()
+    rows = options.rows_of(data, split)
     names = {s.scenario_id for s in rows}
-    proven = [c for c in certificates_of(DataSet.in_use()) if c.scenario_id in names]
+    proven = [c for c in certificates_of(data) if c.scenario_id in names]
     densities = np.array([c.realised_density for c in proven if c.asked_density])
     chosen = sample_rows(rows, limit)
     with bars() as show:
         sim = Simulation()
-        cruise = driven_speeds(
-            chosen, sim, SceneLoader(DataSet.in_use()), lambda n: show("drive", n, len(chosen))
-        )
+        cruise = driven_speeds(chosen, sim, SceneLoader(data), lambda n: show("drive", n, len(chosen)))
         sim.close()
     show_analysis(compared(calibrate(grid_speeds(rows), cruise, densities), split), out)

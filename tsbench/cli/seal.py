@@ -42,10 +42,11 @@ def build(secret: Path, types: tuple[str, ...], osm_dir: Path | None, workers: i
     """Build the city NAME's data set as `tsbench city build` does, drawn with a secret. Resumable."""
     from tsbench.dataset.seal import build_sealed
 
-    chosen = options.types_of(DataSet.in_use(), types)
+    data = DataSet.in_use()
+    chosen = options.types_of(data, types)
     with bars() as show:
         build_sealed(chosen, osm_dir or sources_dir(), secret, workers, show)
-    click.echo(f"{edition_now(DataSet.in_use())}: tsbench seal commit {chosen_city().name} --out FILE")
+    click.echo(f"{edition_now(data)}: tsbench seal commit {chosen_city().name} --out FILE")
 
 
 @seal.command()

@@ -37,8 +37,9 @@ def write_pages(types: tuple[str, ...], out: Path) -> None:
     """Write a page for each scenario type: law, rule, a violation and an obedient pass of the same scene."""
     from tsbench.report.tables.sign_pages import PageMaker
 
-    maker = PageMaker(DataSet.in_use(), out)
-    for name in options.types_of(DataSet.in_use(), types) or maker.types:
+    data = DataSet.in_use()
+    maker = PageMaker(data, out)
+    for name in options.types_of(data, types) or maker.types:
         click.echo(str(maker.write(name)))
     click.echo(str(maker.write_index()))
 

@@ -274,8 +274,9 @@ def measure(
 
 def _train_rows(words: tuple[str, ...]) -> list[ScenarioSpec]:
     """The train table's rows of some types and groups, whose files are there."""
-    rows = options.rows_of(DataSet.in_use(), "train", words)
-    check_files(rows, DataSet.in_use())
+    data = DataSet.in_use()
+    rows = options.rows_of(data, "train", words)
+    check_files(rows, data)
     return rows
 
 

@@ -6,6 +6,7 @@ import resource
 import time
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -45,8 +46,11 @@ class Selection:
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """Traces of the selected episodes, sorted by planner and scenario; untraced: how many have none."""
+    """Traces of the selected episodes, sorted by planner and scenario; data: what they are of; untraced: how many have
+    none.
+    """
 
+    data: DataSet
     traces: tuple[Path, ...]
     untraced: int
 
@@ -74,7 +78,7 @@ def select_traces(run: Path, selection: Selection) -> Chosen:
         raise InputError(
             f"{run}: none of the {len(paths)} selected episodes has a trace (tsbench run --trace all keeps them)"
         )
-    return Chosen(there, len(paths) - len(there))
+    return Chosen(stored.data, there, len(paths) - len(there))
 
 
 def episode_name(trace: Path) -> str:
@@ -166,16 +170,16 @@ class FileKind:
     def path(self, folder: Path, trace: Path) -> Path:
         return folder / trace.parent.name / f"{trace.stem}{self.suffix}"
 
-    def make(self, trace: Trace, path: Path) -> None:
+    def make(self, data: DataSet, trace: Trace, path: Path) -> None:
         """Make the file of a trace. Raises InputError for a scene that is no longer there."""
-        self.write(trace, load_scene(DataSet.in_use(), trace.spec), path)
+        self.write(trace, load_scene(data, trace.spec), path)
 
 
 def make_one(run: Path, episode: str, kind: FileKind, out: Path | None) -> Path:
     """Make the file of an episode; returns where it is. Raises InputError."""
     source = find_trace(run, episode)
     path = kind.path(run / kind.folder, source) if out is None else out
-    kind.make(read_trace(source), path)
+    kind.make(DataSet.in_use(), read_trace(source), path)
     return path
 
 
@@ -186,7 +190,7 @@ def make_selected(
     chosen = select_traces(run, selection)
     folder = run / kind.folder if out is None else out
     files = {trace: kind.path(folder, trace) for trace in chosen.traces}
-    return make_files(files, kind.make, workers, progress), chosen
+    return make_files(files, partial(kind.make, chosen.data), workers, progress), chosen
 
 
 # By format: where its writer is, and its files' suffix.

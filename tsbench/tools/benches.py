@@ -279,8 +279,9 @@ class Price:
 
 def bench_isolation(planners: Sequence[str], scenes: int, rounds: int) -> list[Price]:
     """Raises InputError for a planner that does not come up."""
-    rows = choose(DataSet.in_use().table("dev"), scenes)
-    loader = SceneLoader(DataSet.in_use())
+    data = DataSet.in_use()
+    rows = choose(data.table("dev"), scenes)
+    loader = SceneLoader(data)
     with closing(Simulation()) as simulation:
 
         def took(runner: EpisodeRunner) -> float:

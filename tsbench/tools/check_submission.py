@@ -34,12 +34,13 @@ _SHOWN = 5
 
 def check_submission(spec: str, count: int, split: str, on_progress: Callable[[str], None]) -> list[Finding]:
     """Findings. split: that a submission would be of."""
+    data = DataSet.in_use()
     on_progress("starting the planner in its sandbox")
     found, info = standing(spec, split)
     if info is None:
         return found
-    scenes = choose(DataSet.in_use().table("dev"), count)
-    simulation, loader = Simulation(), SceneLoader(DataSet.in_use())
+    scenes = choose(data.table("dev"), count)
+    simulation, loader = Simulation(), SceneLoader(data)
     with closing(simulation):
 
         def drive(rows: Sequence[ScenarioSpec]) -> list[EpisodeResult]:

@@ -43,6 +43,7 @@ _REMEDY = "docs/footguns.md says what this means"
 
 def check_arithmetic(folder: Path = _FOLDER) -> Iterator[Diagnosis]:
     """What the arithmetic is, and for each planner whether it gives the reference's bytes."""
+    data = DataSet.in_use()
     here = facts()
     yield Diagnosis(Status.OK, "numpy", f"{here['versions']['numpy']}, {' '.join(here['simd'])}")
     yield Diagnosis(Status.OK, "BLAS", here["blas"])
@@ -54,8 +55,8 @@ def check_arithmetic(folder: Path = _FOLDER) -> Iterator[Diagnosis]:
     said = "as" if same_libm else "answers otherwise than"
     status, remedy = (Status.OK, "") if same_libm else (Status.NOTE, _REMEDY)
     yield Diagnosis(status, "libm", f"{said} where the reference was made", remedy)
-    rows = {row.scenario_id: row for row in DataSet.in_use().table("test")}
-    sim, loader = Simulation(), SceneLoader(DataSet.in_use())
+    rows = {row.scenario_id: row for row in data.table("test")}
+    sim, loader = Simulation(), SceneLoader(data)
     for name in PLANNERS:
         wanted, told = reference["planners"][name], list[str]()
         if "answers" in wanted and answers_hash(name, folder) != wanted["answers"]:

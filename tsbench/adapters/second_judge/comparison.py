@@ -61,7 +61,7 @@ def cases(run: Path, folder: Path, progress: Callable[[int, int], None]) -> Iter
         progress(number, len(chosen.traces))
         trace = read_trace(path)
         file = kind.path(folder, path)
-        kind.make(trace, file)
+        kind.make(chosen.data, trace, file)
         drive = ExportedDrive(file)
         for clause, (_, kinds, readings) in RULES.items():
             if trace.spec.scenario_type in kinds:

@@ -34,7 +34,7 @@ _Batch = list[tuple[ScenarioSpec, Certificate]]
 
 @lru_cache(maxsize=1)
 def _certifier(root: Path) -> Certifier:
-    return Certifier(Simulation(), SceneLoader(DataSet.in_use(), SceneStore(root)))
+    return Certifier(Simulation(), SceneLoader(DataSet(), SceneStore(root)))
 
 
 def _drive(batch: _Batch, root: Path) -> list[dict[str, Any]]:

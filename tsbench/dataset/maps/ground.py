@@ -38,9 +38,10 @@ def write_ground(osm_dir: Path) -> tuple[Path, dict[str, int]]:
 
     Raises InputError: an extract that is missing or another than the city's, or no pool.
     """
-    city, path = chosen_city(), DataSet.in_use().folder / GROUND_FILE
-    used = {row.map_id for split in DataSet.in_use().splits for row in DataSet.in_use().table(split)}
-    maps = [row for row in read_pool(DataSet.in_use().pool_path) if row.map_id in used]
+    data = DataSet.in_use()
+    city, path = chosen_city(), data.folder / GROUND_FILE
+    used = {row.map_id for split in data.splits for row in data.table(split)}
+    maps = [row for row in read_pool(data.pool_path) if row.map_id in used]
     by_source: dict[str, list[PoolRow]] = {}
     for row in maps:
         by_source.setdefault(row.source, []).append(row)

@@ -102,7 +102,7 @@ def _tools(root: Path, certifier: str) -> tuple[Simulation, Prover | None]:
     """A worker process's one simulation, and who proves rows in it."""
     sim = Simulation()
     module, _, name = certifier.partition(":")
-    loader = SceneLoader(DataSet.in_use(), SceneFolder(root))
+    loader = SceneLoader(DataSet(), SceneFolder(root))
     return sim, getattr(importlib.import_module(module), name)(sim, loader) if certifier else None
 
 
@@ -251,10 +251,11 @@ def build_scenarios(request: BuildRequest, progress: Progress) -> list[TypeRepor
     Raises InputError where the pool or the extracts are missing. A type for which the pool has too few maps is kept as
     far as it goes, and its report says what is short.
     """
-    rows = read_pool(DataSet.in_use().pool_path)
+    data = DataSet.in_use()
+    rows = read_pool(data.pool_path)
     city = chosen_city()
     split_of = split_pool(rows, city.split)
-    recipes = load_recipes(DataSet.in_use().catalog, request.types)
+    recipes = load_recipes(data.catalog, request.types)
     reports: list[TypeReport] = []
     with worker_processes(request.workers, "building scenes") as pool:
         for split in (s for s in SPLITS if s in request.splits and s in city.maps):

@@ -68,8 +68,9 @@ def build_report(root: Path | None = None) -> list[dict[str, Any]]:
 
 def type_stats(specs: Sequence[ScenarioSpec]) -> list[TypeStats]:
     """One entry per type and split, in alphabetical order. A row without a certificate proves nothing."""
-    pool = {r.map_id: r for r in read_pool(DataSet.in_use().pool_path)}
-    known = {c.scenario_id: c for c in certificates_of(DataSet.in_use())}
+    data = DataSet.in_use()
+    pool = {r.map_id: r for r in read_pool(data.pool_path)}
+    known = {c.scenario_id: c for c in certificates_of(data)}
     groups: dict[tuple[str, str], list[ScenarioSpec]] = defaultdict(list)
     for spec in specs:
         groups[(spec.pair_type, spec.split)].append(spec)

@@ -44,15 +44,15 @@ class Tagging:
 
 def tagging(specs: Sequence[ScenarioSpec]) -> list[Tagging]:
     """One entry per type and split, in alphabetical order. Raises InputError."""
-    pool = read_pool(DataSet.in_use().pool_path)
+    data = DataSet.in_use()
+    pool = read_pool(data.pool_path)
     known, split_of = {row.map_id: row for row in pool}, split_pool(pool, chosen_city().split)
     used: dict[tuple[str, str], set[str]] = defaultdict(set)
     for spec in specs:
         used[(spec.pair_type, spec.split)].add(spec.map_id)
     found = []
     recipes = {
-        recipe.type.id: recipe
-        for recipe in load_recipes(DataSet.in_use().catalog, {type_id for type_id, _ in used})
+        recipe.type.id: recipe for recipe in load_recipes(data.catalog, {type_id for type_id, _ in used})
     }
     for (type_id, split), maps in sorted(used.items()):
         recipe = recipes[type_id]

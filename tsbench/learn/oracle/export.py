@@ -35,7 +35,8 @@ def export(path: Path, split: str, out: Path, rank: int = 1, limit: int | None =
 
     out: a file. A failed export leaves nothing new.
     """
-    rows = {row.scenario_id: row for row in DataSet.in_use().table(split)}
+    data = DataSet.in_use()
+    rows = {row.scenario_id: row for row in data.table(split)}
     chosen = (
         d for d in stream_trajectories(path) if d.scenario_id in rows and (not rank or 0 < d.rank <= rank)
     )
@@ -43,7 +44,7 @@ def export(path: Path, split: str, out: Path, rank: int = 1, limit: int | None =
     card, schema = Card(seen), _schema(seen)
     drives = ticks = 0
     simulation = Simulation()
-    begin = partial(Episode, simulation=simulation, loader=SceneLoader(DataSet.in_use()))
+    begin = partial(Episode, simulation=simulation, loader=SceneLoader(data))
     try:
         with io_errors_as_input_errors(out), replacing(out) as part:
             with pq.ParquetWriter(part, schema, compression="zstd") as writer:

@@ -140,11 +140,12 @@ def _best(tries: Iterable[Row]) -> dict[str, list[tuple[Candidate, float]]]:
 
 
 def _check(folder: Path, allow_partial: bool) -> dict[str, ScenarioSpec]:
+    data = DataSet.in_use()
     manifest = read_collection(folder, "tsbench oracle collect makes one")
     if manifest["status"] != "complete" and not allow_partial:
         raise InputError(f"{folder}: its collection is not finished: run it again, or give --allow-partial")
-    if manifest["contract"] != basis(DataSet.in_use()):
+    if manifest["contract"] != basis(data):
         raise InputError(
             f"{folder}: was collected with other rules or another SUMO: collect anew into another folder"
         )
-    return {row.scenario_id: row for row in DataSet.in_use().table(manifest["effective"]["split"])}
+    return {row.scenario_id: row for row in data.table(manifest["effective"]["split"])}

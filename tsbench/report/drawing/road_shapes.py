@@ -286,11 +286,12 @@ _MIRROR = np.array((-1.0, 1.0))
 
 def ground_shapes(map_id: str) -> tuple[Area, ...]:
     """Of a map of the data set in use, lowest first; () where nothing is known. Raises InputError: a broken file."""
-    path = DataSet.in_use().file(GROUND_FILE)
+    data = DataSet.in_use()
+    path = data.file(GROUND_FILE)
     if not path.is_file():
         return ()
     shapes = _ground_of_maps(path).get(map_id, ())
-    if not DataSet.in_use().mirrored:
+    if not data.mirrored:
         return shapes
     return tuple(
         Area(one.colour, shapely.transform(one.polygon, lambda points: points * _MIRROR)) for one in shapes
