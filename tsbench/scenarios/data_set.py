@@ -107,7 +107,7 @@ class DataSet:
 
     @property
     def certificates_path(self) -> Path:
-        return self.file("scenarios/certificates.parquet")
+        return self.table_path("certificates")
 
     def table_path(self, split: str) -> Path:
         return self.file(f"scenarios/{split}.parquet")
