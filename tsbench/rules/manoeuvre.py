@@ -75,7 +75,7 @@ class Manoeuvre(Monitor):
 
     def _begin(self, ego: EgoState) -> None:
         """A new pass, if the ego drives towards the junction on the other side of its own road."""
-        to_go = self._line.to_go(ego) if ego.lane in self._line.opposite else None
+        to_go = self._line.to_go(ego)
         self._armed = to_go is not None
         self._passed = to_go is not None and to_go < 0.0
         self._entered.clear()
