@@ -2,7 +2,8 @@
 
 Passes are drawn from beta-binomials. A place holds 1 to 4 pairs of a type, as in the test split, or ten; in the means
 over types, places and types are those of the pairs in results/plant2-ft. A cell is the least and the greatest coverage
-over RATES. Below it stands the intra-place correlation of the kept results.
+over RATES. Below stand how many of all coverages are in BAND, how many can be, and the intra-place correlation of the
+kept results.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ RATES = (0.002, 0.01, 0.05, 0.2, 0.5, 0.8, 0.95, 0.99, 0.998)
 CORRELATIONS = (0.0, 0.1, 0.25, 0.5)
 PLACES = (5, 10, 20, 40, 90)
 SEED = 2026
+BAND = (0.93, 0.98)
 RUNS = ("styles", "networks", "plant2-ft", "floors", "bare", "mirrored-moscow", "ft-poor", "readers-poor")
 
 
@@ -52,24 +54,31 @@ def correlations(runs: Sequence[str]) -> tuple[float, float]:
     return float(within[0] / within[1]), float(across[0] / across[1])
 
 
-def coverage(count: Array, rate: float, correlation: float, draws: int, rng: np.random.Generator) -> float:
-    """Share of intervals that hold `rate`.
+def coverage(
+    count: Array, rate: float, correlation: float, draws: int, rng: np.random.Generator
+) -> tuple[float, bool]:
+    """Share of intervals that hold `rate`, and whether it can be in BAND.
 
-    count: (places, types) pairs; a place's own rate differs from type to type.
+    count: (places, types) pairs; a place's own rate differs from type to type. An interval whose ends rise with the
+    mean holds `rate` for neighbouring means: where no run of them has a probability in BAND, it cannot be in BAND.
     """
-    inside = 0
-    for _ in range(draws):
+    inside, means = 0, np.empty(draws)
+    for i in range(draws):
         at = np.full(count.shape, rate)
         if correlation:
             odds = 1.0 / correlation - 1.0
             at = rng.beta(rate * odds, (1.0 - rate) * odds, size=count.shape)
-        low, high = share_interval(rng.binomial(count.astype(np.int64), at).astype(np.float64), count)
+        total = rng.binomial(count.astype(np.int64), at).astype(np.float64)
+        low, high = share_interval(total, count)
         inside += low <= rate <= high
-    return inside / draws
+        means[i] = (total.sum(axis=0) / count.sum(axis=0)).mean()
+    below = np.concatenate(([0.0], np.unique(means.round(9), return_counts=True)[1].cumsum() / draws))
+    runs = below[None, :] - below[:, None]
+    return inside / draws, bool(((runs >= BAND[0]) & (runs <= BAND[1])).any())
 
 
 @click.command()
-@click.option("--draws", default=500, show_default=True, help="Simulated tables of each rate.")
+@click.option("--draws", default=1000, show_default=True, help="Simulated tables of each rate.")
 def main(draws: int) -> None:
     """Print the figures behind docs/metrics.md, and the correlation."""
     rng = np.random.default_rng(np.random.SeedSequence(SEED))
@@ -84,12 +93,21 @@ def main(draws: int) -> None:
     designs[f"mean of {every.shape[1]} types of test"] = every
     print("| | " + " | ".join(f"correlation {value:g}" for value in CORRELATIONS) + " |")
     print("|---|" + "---|" * len(CORRELATIONS))
+    every_one = []
     for name, count in designs.items():
         cells = []
         for correlation in CORRELATIONS:
-            found = [100.0 * coverage(count, rate, correlation, draws, rng) for rate in RATES]
-            cells.append(f"{min(found):.1f} to {max(found):.1f}")
+            found = [coverage(count, rate, correlation, draws, rng) for rate in RATES]
+            shares = [100.0 * share for share, _ in found]
+            cells.append(f"{min(shares):.1f} to {max(shares):.1f}")
+            every_one += found
         print(f"| {name} | " + " | ".join(cells) + " |", flush=True)
+    (least, most), held = BAND, [share for share, _ in every_one]
+    below, above = sum(share < least for share in held), sum(share > most for share in held)
+    never = sum(not can for _, can in every_one)
+    print(
+        f"of {len(held)}: {below} below {least:.0%}, {above} above {most:.0%}; no interval has {never} in between"
+    )
     of_one, of_two = correlations(RUNS)
     print(
         f"intra-place correlation of {', '.join(RUNS)}: {of_one:.3f} within types, {of_two:.3f} between types"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis.strategies import DataObject, DrawFn, booleans, composite, data, integers, sampled_from
-from scipy.stats import binom
+from statsmodels.stats.proportion import proportion_confint
 
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.intervals import (
@@ -18,15 +18,12 @@ from tsbench.metrics.intervals import (
 
 
 @given(n=integers(1, 2_000), passed=data())
-def test_the_ends_of_a_share_leave_a_fortieth_beyond_each(n: int, passed: DataObject) -> None:
-    """Lancaster's mid-P form: of as many passes as were seen, half counts as beyond."""
+def test_the_ends_of_a_share_are_jeffreys_s(n: int, passed: DataObject) -> None:
     x = passed.draw(integers(0, n) | sampled_from([0, n]))
     (low,), (high,) = share_ends(np.array([x / n]), np.array([float(n)]))
-    if x > 0:
-        assert binom.sf(x, n, low) + binom.pmf(x, n, low) / 2 == pytest.approx(0.025, abs=1e-9)
-    if x < n:
-        assert binom.cdf(x, n, high) - binom.pmf(x, n, high) / 2 == pytest.approx(0.025, abs=1e-9)
-    assert (low == 0.0, high == 1.0) == (x == 0, x == n)
+    theirs = proportion_confint(x, n, method="jeffreys")
+    assert low == (0.0 if x == 0 else pytest.approx(theirs[0], rel=1e-9))
+    assert high == (1.0 if x == n else pytest.approx(theirs[1], rel=1e-9))
 
 
 def binary(rates: list[float], n: int = 10) -> tuple[np.ndarray, np.ndarray]:

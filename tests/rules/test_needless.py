@@ -13,6 +13,7 @@ from tsbench.core.errors import InputError
 from tsbench.planners.idm import IdmParameters, free_road
 from tsbench.rules.monitor import Violation
 from tsbench.rules.monitors import make_monitors
+from tsbench.rules.open_speed import at_metre
 from tsbench.sim.world import DT_S
 
 INITIAL_MPS = (3.61, 7.75, 11.05)
@@ -92,3 +93,7 @@ def test_an_ordinary_driver_is_not_slow(limit_kmh: int, initial: float) -> None:
 def test_a_passage_that_is_none_is_refused() -> None:
     with pytest.raises(InputError, match="'w_in' does not lead to 'w_out'"):
         _ticks(50.0, [5.0, 5.0], {"needless_stop": {"approach": "w_in", "exit": "w_out"}}, 13.9)
+
+
+def test_the_speed_of_a_bend_is_that_of_the_nearest_metre() -> None:
+    assert [at_metre([9.0, 7.0, 8.0], s) for s in (-4.0, 0.4, 0.6, 2.4, 99.0)] == [9.0, 9.0, 7.0, 8.0, 8.0]

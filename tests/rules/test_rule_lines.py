@@ -175,7 +175,6 @@ def test_the_line_at_the_end_of_an_approach() -> None:
     net = network("t")
     line = approach_line(net, "s_in")
     assert line.lanes == {net.lane_index["s_in_0"]}
-    assert line.opposite == {net.lane_index["s_out_0"]}
     assert line.to_go(_on(net, "s_in_0", 80.0)) == _about(12.8 - HALF)
     assert line.to_go(_on(net, "s_in_0", 92.0)) == _about(0.8 - HALF)
     assert line.to_go(_on(net, "s_in_0", 80.0, SIDEWAYS)) == _about(12.8 - HALF / 2)

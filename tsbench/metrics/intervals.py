@@ -23,12 +23,13 @@ _DIGITS = 9
 _ALIKE = 1e-12
 _Z = NormalDist().inv_cdf((1 + LEVEL) / 2)
 
-# Chosen by the coverage that docs/metrics.md shows: the intra-place correlation before any place is seen, how many
-# places that counts for, and by how many episodes at the whole mean the share of a type is smoothed.
-_PRIOR_CORRELATION = 0.3
-_PRIOR_PLACES = 20.0
+# Chosen by the coverage that docs/metrics.md shows: the intra-place correlation before any place is seen, for how many
+# cells (a place in a part) it counts, the degrees of freedom beside those of the places, and by how many episodes at
+# the whole mean the share of a type is smoothed.
+_PRIOR_CORRELATION = 0.35
+_PRIOR_CELLS = 25.0
+_PRIOR_FREEDOM = 10.0
 _PRIOR_EPISODES = 20.0
-_HALVINGS = 50
 
 _Codes = npt.NDArray[np.intp]
 
@@ -53,32 +54,18 @@ class Estimate:
 
 
 def share_ends(share: Array, n: Array) -> tuple[Array, Array]:
-    """Ends of the interval of a binomial share: Clopper and Pearson's in mid-P form (Lancaster 1961, JASA 56, 223-234).
+    """Ends of the interval of a binomial share: Jeffreys's (Brown, Cai and DasGupta 2001, Statistical Science 16).
 
-    share: (k,) 0-1; n: (k,) sample sizes, not necessarily whole. The ends of 0 and 1 are exact. SciPy and statsmodels
-    have no mid-P form.
+    share: (k,) 0-1; n: (k,) sample sizes, not necessarily whole. The ends of 0 and 1 are exact.
     """
-    from scipy.special import betainc
+    from scipy.special import betaincinv
 
-    passed = share * n
-    none, all_ = passed <= 0.0, share >= 1.0
-
-    def beyond(p: Array) -> Array:
-        """Probability of more passes at rate p, and half of that of as many."""
-        at_least = np.where(none, 1.0, betainc(np.where(none, 1.0, passed), n - passed + 1.0, p))
-        more = np.where(all_, 0.0, betainc(passed + 1.0, np.where(all_, 1.0, n - passed), p))
-        return np.asarray((at_least + more) / 2)
-
-    def solve(level: float) -> Array:
-        low, high = np.zeros_like(n), np.ones_like(n)
-        for _ in range(_HALVINGS):
-            middle = (low + high) / 2
-            below = beyond(middle) < level
-            low, high = np.where(below, middle, low), np.where(below, high, middle)
-        return (low + high) / 2
-
-    tail = (1 - LEVEL) / 2
-    return np.where(none, 0.0, solve(tail)), np.where(all_, 1.0, solve(1.0 - tail))
+    passed, tail = share * n + 0.5, (1 - LEVEL) / 2
+    failed = n + 1.0 - passed
+    return (
+        np.where(share <= 0.0, 0.0, betaincinv(passed, failed, tail)),
+        np.where(share >= 1.0, 1.0, betaincinv(passed, failed, 1.0 - tail)),
+    )
 
 
 def share_interval(total: Array, count: Array, macro: bool = True) -> tuple[float, float]:
@@ -127,7 +114,7 @@ def _effective(total: Array, count: Array, weights: Array) -> tuple[float, float
     alike = 1.0 + _intraplace_correlation(total, count, shares) * ((count**2).sum(axis=0) / n - 1.0)
     size = (value * (1.0 - value) if known else 1.0) / float((weights**2 * spread * alike / n).sum())
     places = 1.0 / float((((count / n) @ weights) ** 2).sum())
-    return value, size * (_Z / _student(places - 1.0 + _PRIOR_PLACES)) ** 2
+    return value, size * (_Z / _student(places - 1.0 + _PRIOR_FREEDOM)) ** 2
 
 
 def _student(freedom: float) -> float:
@@ -151,8 +138,8 @@ def _intraplace_correlation(total: Array, count: Array, shares: Array) -> float:
     own = total * (1.0 - shares) ** 2 + (count - total) * shares**2
     pairs = spread * count * (count - 1.0)
     found = ((residual**2 - own).sum() + (pairs / n).sum()) / pairs.sum()
-    return (_PRIOR_PLACES * _PRIOR_CORRELATION + told * float(np.clip(found, 0.0, 1.0))) / (
-        _PRIOR_PLACES + told
+    return (_PRIOR_CELLS * _PRIOR_CORRELATION + told * float(np.clip(found, 0.0, 1.0))) / (
+        _PRIOR_CELLS + told
     )
 
 

@@ -6,7 +6,6 @@ from tsbench.core.errors import InputError
 from tsbench.roads.junction_paths import JunctionPath, junction_paths, path_zones
 from tsbench.roads.priority import RULE_FOLLOWING, PriorityVehicles
 from tsbench.rules.crossing import CrossingJudge
-from tsbench.rules.events import EventLog
 from tsbench.rules.monitor import Monitor, Verdict
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
@@ -24,7 +23,6 @@ class GiveWay(Monitor):
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
-        self.log = EventLog(sign, rule)
         self._network = scene.network
         params = sign.params_as(GiveWayParams)
         self.line = self.line_of(params.approach)
@@ -40,7 +38,6 @@ class GiveWay(Monitor):
         )
         self._engage = rule.thresholds["engage_distance_m"]
         self._reach = rule.thresholds["priority_distance_m"]
-        self.engaged = False
         self._armed = False
         self._bound = [False] * len(self._paths)
         self._ticks: list[WorldSnapshot] = []

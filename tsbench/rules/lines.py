@@ -171,7 +171,6 @@ class ApproachLine:
     def __init__(self, network: RoadNetwork, edge: str, beside_widths: float) -> None:
         self.lanes = frozenset(network.edges[edge].lanes)
         other = [i for e in reverse_edges(network, edge)[0] for i in network.edges[e].lanes]
-        self.opposite = frozenset(other)
         self._line = {i: network.lanes[i].line for i in (*self.lanes, *other)}
         self._beside = beside_widths * sum(lane.width for lane in network.edge_lanes(edge))
         self._reference = network.edge_lanes(edge)[0].line

@@ -75,7 +75,7 @@ class Manoeuvre(Monitor):
 
     def _begin(self, ego: EgoState) -> None:
         """A new pass, if the ego drives towards the junction on the other side of its own road."""
-        to_go = self._line.to_go(ego) if ego.lane in self._line.opposite else None
+        to_go = self._line.to_go(ego)
         self._armed = to_go is not None
         self._passed = to_go is not None and to_go < 0.0
         self._entered.clear()
@@ -107,10 +107,10 @@ def _exits(network: RoadNetwork, approach: str, junction: str) -> dict[str, tupl
         if not e.internal and e.source == junction
     }
     own = network.edge_lanes(approach)[0].line
-    start = own.heading_at(max(own.length - 1.0, 0.0))
+    start = own.heading_at(own.length - 1.0)
     for e in network.edges.values():
         if not e.internal and e.target == junction and e.id != approach and e.id not in out:
             line = network.edge_lanes(e.id)[0].line
-            end = line.heading_at(max(line.length - 1.0, 0.0))
+            end = line.heading_at(line.length - 1.0)
             out[e.id] = (wrap(end + math.pi - start), -1.0)
     return out

@@ -46,9 +46,10 @@ class MinSpeed(Monitor):
             return
         self._slow.append(snapshot)
         self._late += 1
-        if snapshot.time - self._slow[0].time > t["duration_s"] + 1e-9:
-            for tick in self._slow if not self._under.open else self._slow[-1:]:
+        if self._under.open or snapshot.time - self._slow[0].time > t["duration_s"] + 1e-9:
+            for tick in self._slow:
                 self._under.broken(tick, tick.ego.speed * KMH_PER_MPS, threshold)
+            self._slow.clear()
 
     def finish(self) -> Verdict:
         """An ego that was never slow for long may have been slow on the whole."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from tsbench.geometry.footprint import boxes_overlap, share_in_band
@@ -25,7 +23,6 @@ from tsbench.sim.world import (
 )
 
 _KINDS = {"bus": ActorKind.BUS, "bicycle": ActorKind.BICYCLE}
-_EGO_RADIUS_M = math.hypot(EGO_LENGTH_M, EGO_WIDTH_M) / 2
 
 
 class ReservedLane(Monitor):
@@ -88,11 +85,9 @@ class ReservedLane(Monitor):
         share = 0.0
         for lane in self._lanes.values():
             s, d = lane.line.project(ego.x, ego.y)
-            half = lane.width / 2
-            if abs(d) <= half + _EGO_RADIUS_M and -_EGO_RADIUS_M <= s <= lane.line.length + _EGO_RADIUS_M:
-                turn = ego.heading - lane.line.heading_at(s)
-                band = (0.0, lane.line.length, -half, half)
-                share += share_in_band(s, d, turn, EGO_LENGTH_M, EGO_WIDTH_M, band)
+            turn = ego.heading - lane.line.heading_at(s)
+            band = (0.0, lane.line.length, -lane.width / 2, lane.width / 2)
+            share += share_in_band(s, d, turn, EGO_LENGTH_M, EGO_WIDTH_M, band)
         return share > self._share
 
     def _touched(self, ego: EgoState, actors: Actors) -> str | None:
@@ -102,11 +97,7 @@ class ReservedLane(Monitor):
             table = actors.table
             x, y, heading = actors.pose[k].tolist()
             length, width = float(table.length[row]), float(table.width[row])
-            near = math.hypot(x - ego.x, y - ego.y) <= _EGO_RADIUS_M + 0.5 * (length + width)
-            if (
-                near
-                and not self._edges.isdisjoint(table.routes[row])
-                and boxes_overlap(*ego_box(ego), x, y, heading, length, width)
-            ):
+            uses = not self._edges.isdisjoint(table.routes[row])
+            if uses and boxes_overlap(*ego_box(ego), x, y, heading, length, width):
                 return table.ids[row]
         return None
