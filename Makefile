@@ -11,9 +11,9 @@ BASE := $(VENV)/.base$(subst $(empty) ,,$(EXTRAS:%=-%))
 QUICK := $(VENV)/.quick
 READY := $(VENV)/.ready
 # CommonRoad's reader and planner, for tests: in a folder of their own, because the protobuf that they insist on is no other's.
-COMMONROAD := tests/adapters/commonroad/commonroad.lock
+COMMONROAD := tests/bridges/commonroad/commonroad.lock
 # CommonRoad's monitor, likewise: what it needs beside these.
-JUDGE := tests/adapters/commonroad/judge.lock
+JUDGE := tests/bridges/commonroad/judge.lock
 
 .PHONY: run test test-slow results pages results-again submissions board floor holdout train docs film site-pictures torture mirrored mutation judge second-judge base setup lock package release manifest picture lint format maps scenarios next edition golden bench clean
 
@@ -57,7 +57,7 @@ results-again: setup $(METADRIVE)
 
 # tsbench's expert, its network and a planner in C: driven isolated, submitted, verified as on another processor; forgeries of each.
 submissions: setup
-	$(BIN)/pytest -m "submissions or not submissions" -n $(WORKERS) --dist loadscope tests/leaderboard/test_submissions_driven.py
+	$(BIN)/pytest -m "submissions or not submissions" -n $(WORKERS) --dist loadscope tests/board/test_submissions_driven.py
 
 # The pictures of docs/leaderboard.md: the rows of results/board.yaml, two of them verified.
 BOARD := runs/board
@@ -106,8 +106,8 @@ $(BIN)/mutmut: $(READY)
 # Speed and stop episodes before a judge that others wrote, docs/second_judge.md.
 JUDGED := runs/judged
 second-judge: judge
-	$(BIN)/tsbench run --split dev --types stop,speed --planner idm --planner idm-e --planner tsbench.dataset.certify.lawless:Lawless --trace all --workers $(WORKERS) --out $(JUDGED)
-	PYTHONPATH=$(VENV)/judge:$(VENV)/commonroad $(BIN)/python -m tsbench.adapters.second_judge $(JUDGED)
+	$(BIN)/tsbench run --split dev --types stop,speed --planner idm --planner idm-e --planner tsbench.make.certify.lawless:Lawless --trace all --workers $(WORKERS) --out $(JUDGED)
+	PYTHONPATH=$(VENV)/judge:$(VENV)/commonroad $(BIN)/python -m tsbench.bridges.second_judge $(JUDGED)
 
 judge: $(VENV)/judge/.ready
 

@@ -21,7 +21,7 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import SubprocVecEnv
 
-import tsbench.envs
+import tsbench.learn.envs
 
 HOLD = 3  # ticks of 0.1 s per decision
 ROLLOUT = 2048  # decisions of each process between two updates
@@ -139,7 +139,9 @@ def steps_of(table: Path) -> int:
 def make(group: str, begun: int) -> gymnasium.Env:  # type: ignore[type-arg]
     action = "exit" if group == "routing" else "cruise"
     seen = "scene" if group == "routing" else "plates"
-    environment = gymnasium.make(tsbench.envs.DRIVE, types=group, observation=seen, action=action, hold=HOLD)
+    environment = gymnasium.make(
+        tsbench.learn.envs.DRIVE, types=group, observation=seen, action=action, hold=HOLD
+    )
     return Strict(environment, begun)
 
 

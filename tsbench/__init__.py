@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from tsbench.planners.base import Planner as Planner
     from tsbench.planners.base import PlannerContext as PlannerContext
     from tsbench.planners.base import Trajectory as Trajectory
-    from tsbench.planners.common.lane_change import pursue_route as pursue_route
     from tsbench.planners.geometry import EGO as EGO
     from tsbench.planners.geometry import ActorHistory as ActorHistory
     from tsbench.planners.geometry import RouteLine as RouteLine
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from tsbench.planners.helpers import identified as identified
     from tsbench.planners.helpers import line_ahead as line_ahead
     from tsbench.planners.helpers import sign_ahead as sign_ahead
+    from tsbench.planners.lane_change import pursue_route as pursue_route
 
 __version__ = "0.1.0"
 
@@ -55,7 +55,7 @@ _PUBLIC = {
     "line_ahead": "tsbench.planners.helpers",
     "load_run": "tsbench.api.loaded_run",
     "load_scenarios": "tsbench.api.scenario_list",
-    "pursue_route": "tsbench.planners.common.lane_change",
+    "pursue_route": "tsbench.planners.lane_change",
     "route_lanes": "tsbench.planners.geometry",
     "route_line": "tsbench.planners.geometry",
     "identified": "tsbench.planners.helpers",

@@ -6,7 +6,7 @@
 from pathlib import Path
 from typing import ClassVar
 
-from tsbench.adapters.sb3 import Sb3Planner
+from tsbench.bridges.sb3 import Sb3Planner
 
 
 class Policy(Sb3Planner):

@@ -13,8 +13,8 @@ import pytest
 
 from tsbench.cli import main
 from tsbench.core import paths as repository_paths
-from tsbench.dataset.maps.build import build_net
-from tsbench.dataset.scenes.traffic import Car
+from tsbench.make.maps.build import build_net
+from tsbench.make.scenes.traffic import Car
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
 from tsbench.scenarios.certificates import Certificate, certificates_path, write_certificates

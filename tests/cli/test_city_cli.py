@@ -18,8 +18,8 @@ from town_clone import call, town_clone
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.paths import using_city
-from tsbench.dataset.maps.utm import UtmFrame
-from tsbench.envs.drive_env import DriveEnv
+from tsbench.learn.envs.drive_env import DriveEnv
+from tsbench.make.maps.utm import UtmFrame
 from tsbench.run.edition import contract_now, edition_now, edition_of, editions
 from tsbench.scenarios.data_set import DataSet
 

@@ -12,7 +12,7 @@ import yaml
 from town import EAST, Town
 from town_clone import NORTH, call, town_clone
 
-from tsbench.dataset.maps.utm import UtmFrame
+from tsbench.make.maps.utm import UtmFrame
 from tsbench.roads.network import RoadNetwork, read_network
 
 

@@ -6,9 +6,9 @@ from collections.abc import Iterator
 
 import pytest
 
+from tsbench.cli import diagnosis as examine
 from tsbench.cli import main
-from tsbench.tools import diagnosis as examine
-from tsbench.tools.diagnosis import Diagnosis, Status
+from tsbench.cli.diagnosis import Diagnosis, Status
 
 
 @pytest.mark.parametrize(

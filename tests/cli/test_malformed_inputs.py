@@ -18,8 +18,8 @@ from tsbench.cli import main
 from tsbench.core import parquet, xmlfile
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_root
-from tsbench.dataset.scenes.overview import build_report
-from tsbench.dataset.scenes.recipe import load_recipe, recipes_folder
+from tsbench.make.scenes.overview import build_report
+from tsbench.make.scenes.recipe import load_recipe, recipes_folder
 from tsbench.run.log.manifest import read_manifest
 from tsbench.signs.catalog import load_catalog
 

@@ -12,7 +12,7 @@ from command_line import in_process, refused
 
 from tsbench.core import paths
 from tsbench.core.errors import InputError
-from tsbench.envs.drive_env import DriveEnv
+from tsbench.learn.envs.drive_env import DriveEnv
 from tsbench.scenarios.data_set import DataSet
 
 ROOT = Path(__file__).resolve().parents[2]

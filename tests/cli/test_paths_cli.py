@@ -14,7 +14,7 @@ from tsbench.api.evaluate import spec_of
 from tsbench.cli import cli
 from tsbench.core.errors import InputError
 from tsbench.core.paths import expanded, expanded_text
-from tsbench.envs.drive_env import DriveEnv
+from tsbench.learn.envs.drive_env import DriveEnv
 
 # What says that words may begin with a path.
 PATH_WORDS = ("FILE", "DIR", "PATH", "RUN", "PLANNER", "SPEC", "file.py")

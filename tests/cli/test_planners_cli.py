@@ -17,9 +17,9 @@ from tsbench.core.errors import SimulationError
 from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.planners.check import Level, check_statically
 from tsbench.planners.registry import names, resolve
+from tsbench.run.check_planner import DriveSample, check_driving, choose, findings
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.tools.check_planner import DriveSample, check_driving, choose, findings
 
 BAD = """
 import os, random, time

@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from town_clone import call, town_clone
 
-from tsbench.dataset.seeds import SECRET, rng_of, root_sequence, seed_of, using_secret
+from tsbench.make.seeds import SECRET, rng_of, root_sequence, seed_of, using_secret
 
 pytestmark = pytest.mark.slow
 WITH = ("--types", "yield", "--workers", "1")

@@ -14,7 +14,7 @@ import pytest
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.geometry.polyline import Polyline
 from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.planners.common.lane_change import pursue_route
+from tsbench.planners.lane_change import pursue_route
 from tsbench.planners.registry import resolve
 from tsbench.scenarios.data_set import DataSet
 

@@ -13,13 +13,13 @@ import pytest
 from episode_builders import same_snapshots
 
 from tsbench.core.seeds import floor_seed, planner_seed
-from tsbench.dataset.maps.build import build_net
-from tsbench.dataset.scenes.scene_files import lead_time
-from tsbench.dataset.scenes.traffic import Car
 from tsbench.episode import outcome as outcome_module
 from tsbench.episode.outcome import EpisodeResult, Outcome, Phase
 from tsbench.episode.perception_level import Perception
 from tsbench.episode.runner import EpisodeRunner
+from tsbench.make.maps.build import build_net
+from tsbench.make.scenes.scene_files import lead_time
+from tsbench.make.scenes.traffic import Car
 from tsbench.planners.registry import resolve
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network

@@ -16,8 +16,8 @@ from dataclasses import replace
 from pathlib import Path
 from pool_builders import two_way
 from simworld import LIMIT, simulation, store_scenes
-from tsbench.dataset.scenes import map_scenarios
-from tsbench.dataset.scenes.recipe import load_recipe
+from tsbench.make.scenes import map_scenarios
+from tsbench.make.scenes.recipe import load_recipe
 from tsbench.scenarios.table import write_table
 from tsbench.signs.catalog import load_catalog
 

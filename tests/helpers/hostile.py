@@ -164,7 +164,7 @@ class Twice(Honest):
     """An answer beside the answer, as for the next tick."""
 
     def act(self, observation):
-        from tsbench.run.isolation.commands import command_message
+        from tsbench.board.isolation.commands import command_message
 
         os.write(_line(), 2 * command_message(Control(1.0, 0.0)))
         time.sleep(60.0)
@@ -493,9 +493,9 @@ def main(place: str, scenario: str, *names: str) -> None:
 def drive(place: str, scenario: str, *names: str) -> None:
     from dataclasses import replace
 
+    from tsbench.board.isolation.isolated_loading import load
     from tsbench.episode.runner import EpisodeRunner
     from tsbench.planners.registry import resolve
-    from tsbench.run.isolation.isolated_loading import load
     from tsbench.run.log import record as log
     from tsbench.run.planner_info import PlannerInfo
     from tsbench.scenarios.scene_loader import SceneLoader

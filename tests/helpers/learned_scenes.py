@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from planner_loop import Body, World, cones, constant, load
 
+from tsbench.learn.ppo.vector import SIZE
 from tsbench.planners.base import Control, Observation, PlannerContext, SignView
-from tsbench.planners.common.lane_change import pursue_route
-from tsbench.planners.ppo.vector import SIZE
+from tsbench.planners.lane_change import pursue_route
 from tsbench.planners.weights import Tensors, save_weights
 from tsbench.roads.lane_graph import Destination
 from tsbench.sim.world import ActorKind
@@ -75,7 +75,7 @@ def save_ppo(folder: Path) -> Path:
 def save_carl(folder: Path) -> Path:
     import torch
 
-    from tsbench.planners.carl.carl_network import CarlActor
+    from tsbench.learn.carl.carl_network import CarlActor
 
     torch.manual_seed(0)
     save_weights("carl", folder, {k: v.numpy() for k, v in CarlActor().state_dict().items()}, {})

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from town import EAST, Town, make_town
 
-from tsbench.dataset.maps.utm import UtmFrame
+from tsbench.make.maps.utm import UtmFrame
 
 _HERE = UtmFrame(32)
 NORTH, SOUTH = 5_540_000.0, 6_250_000.0

@@ -9,10 +9,10 @@ from typing import Any
 
 from simworld import FAST
 
-from tsbench.dataset.maps.build import build_net
-from tsbench.dataset.maps.plain import PlainEdge, PlainNet, PlainNode
-from tsbench.dataset.placements.by_name import placement_of
-from tsbench.dataset.scenes.recipe import Recipe, load_recipe
+from tsbench.make.maps.build import build_net
+from tsbench.make.maps.plain import PlainEdge, PlainNet, PlainNode
+from tsbench.make.placements.by_name import placement_of
+from tsbench.make.scenes.recipe import Recipe, load_recipe
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.catalog import load_catalog

@@ -21,9 +21,9 @@ import numpy as np
 from lxml import etree
 
 from tsbench.core.xmlfile import read_plain, sha256
-from tsbench.dataset.maps.plain import PlainConnection, PlainEdge, PlainNet, PlainNode
-from tsbench.dataset.scenes.drivers import Driver
-from tsbench.dataset.scenes.elements import (
+from tsbench.make.maps.plain import PlainConnection, PlainEdge, PlainNet, PlainNode
+from tsbench.make.scenes.drivers import Driver
+from tsbench.make.scenes.elements import (
     background,
     convoy_elements,
     driver_types,
@@ -31,7 +31,7 @@ from tsbench.dataset.scenes.elements import (
     obstacle_elements,
     write_additional,
 )
-from tsbench.dataset.scenes.traffic import Car
+from tsbench.make.scenes.traffic import Car
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.spec import ScenarioSpec

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tsbench.dataset.maps.utm import UtmFrame
+from tsbench.make.maps.utm import UtmFrame
 
 EAST, NORTH = 410_000.0, 6_180_000.0
 

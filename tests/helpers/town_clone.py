@@ -15,7 +15,7 @@ from town import make_town
 from tsbench.cli import main
 from tsbench.core import paths as repository_paths
 from tsbench.core.paths import CITY
-from tsbench.dataset.maps.utm import UtmFrame
+from tsbench.make.maps.utm import UtmFrame
 from tsbench.scenarios.data_set import DataSet
 
 REPOSITORY = Path(__file__).resolve().parents[2]

@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from tsbench.learn.imitation.trainer import Trainer
-from tsbench.planners.plant2.planner_ft import Plant2Blind
-from tsbench.planners.plant2.plant2_network import Plant2FtNetwork, Plant2Network
-from tsbench.planners.plant2.vocabulary import READER, Vocabulary, vocabulary_of
+from tsbench.learn.plant2.planner_ft import Plant2Blind
+from tsbench.learn.plant2.plant2_network import Plant2FtNetwork, Plant2Network
+from tsbench.learn.plant2.vocabulary import READER, Vocabulary, vocabulary_of
 from tsbench.planners.weights import save_weights
 
 

@@ -14,8 +14,8 @@ from work import calls
 
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.planners.base import Observation
-from tsbench.planners.common.speed_profile import PathSamples, speed_profile
 from tsbench.planners.idm import Idm, IdmParameters, free_road, interaction
+from tsbench.planners.speed_profile import PathSamples, speed_profile
 from tsbench.roads.lane_graph import Destination, LaneGraph
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind
 

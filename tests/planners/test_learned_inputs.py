@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from learned_scenes import SPEED, Recorder, record, with_signs
 
-from tsbench.planners.base import Observation
-from tsbench.planners.carl.raster import (
+from tsbench.learn.carl.raster import (
     DRIVABLE,
     EGO,
     LIGHTS,
@@ -21,8 +20,9 @@ from tsbench.planners.carl.raster import (
     VEHICLES,
     RasterEncoder,
 )
-from tsbench.planners.ppo import vector
-from tsbench.planners.ppo.vector import SIZE, VectorEncoder
+from tsbench.learn.ppo import vector
+from tsbench.learn.ppo.vector import SIZE, VectorEncoder
+from tsbench.planners.base import Observation
 
 
 @pytest.fixture(scope="module")

@@ -11,13 +11,13 @@ from learned_scenes import Recorder, ppo_tensors, record, save_carl, save_ppo
 from scipy.special import betaincinv, ndtri
 
 from tsbench.core.errors import InputError
-from tsbench.planners.carl.carl_planner import Carl, _by_torch
-from tsbench.planners.ppo.ppo_planner import Ppo
+from tsbench.learn.carl.carl_planner import Carl, _by_torch
+from tsbench.learn.networks.network_arithmetic import questions
+from tsbench.learn.ppo.ppo_planner import Ppo
+from tsbench.learn.rl.actions import HOLD_TICKS, accelerate, aim, steer
+from tsbench.learn.rl.two_actions import LearnedPlanner
 from tsbench.planners.registry import resolve
-from tsbench.planners.rl.actions import HOLD_TICKS, accelerate, aim, steer
-from tsbench.planners.rl.two_actions import LearnedPlanner
 from tsbench.planners.weights import load_weights, save_weights
-from tsbench.tools.network_arithmetic import questions
 
 Make = Callable[[Path], LearnedPlanner]
 BOTH = [

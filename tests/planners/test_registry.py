@@ -70,7 +70,7 @@ def test_every_registered_planner_loads(name: str) -> None:
 def test_who_lacks_what_others_made_is_told_how_to_get_it(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("TSBENCH_METADRIVE", raising=False)
     monkeypatch.setitem(sys.modules, "commonroad_rp", None)
-    for module in [one for one in sys.modules if one.startswith("tsbench.adapters.commonroad")]:
+    for module in [one for one in sys.modules if one.startswith("tsbench.bridges.commonroad")]:
         monkeypatch.delitem(sys.modules, module)
     with pytest.raises(InputError, match=FOREIGN[name]) as caught:
         registry.resolve(name).factory()

@@ -8,8 +8,8 @@ import pytest
 from labelled import network
 from simworld import edge, plain
 
-from tsbench.dataset.maps.build import build_net
-from tsbench.dataset.maps.plain import PlainNode
+from tsbench.make.maps.build import build_net
+from tsbench.make.maps.plain import PlainNode
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.rules import lines
 from tsbench.rules.lines import reverse_edges

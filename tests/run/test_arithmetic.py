@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tsbench.cli.diagnosis import Status
+from tsbench.learn.networks import network_arithmetic as doctor
 from tsbench.run import arithmetic
 from tsbench.run.log.manifest import difference, new_manifest
 from tsbench.run.planner_info import PlannerInfo
-from tsbench.tools import network_arithmetic as doctor
-from tsbench.tools.diagnosis import Status
 
 SIMD = np.show_config(mode="dicts")["SIMD Extensions"].get("found", [])
 # What other processors choose: everything at once, as an older and as a newer one does. OpenCV warns of what it does
@@ -45,7 +45,7 @@ _FACTS = "import json; from tsbench.run.arithmetic import facts; print(json.dump
 _NETWORKS = """
 import json
 from tsbench.run.arithmetic import facts
-from tsbench.tools.network_arithmetic import NETWORKS, answers_hash
+from tsbench.learn.networks.network_arithmetic import NETWORKS, answers_hash
 print(json.dumps([{name: answers_hash(name) for name in NETWORKS}, facts()["answers"]]))
 """
 
@@ -119,7 +119,7 @@ def test_a_reference_that_is_written_is_met(tmp_path: Path, monkeypatch: pytest.
     assert written["planners"] == {name: reference()["planners"][name] for name in ("idm", "ppo")}
 
 
-OURS = ["idm", "plant2-ft", "idm-e", "tsbench.dataset.certify.lawless:Lawless"]
+OURS = ["idm", "plant2-ft", "idm-e", "tsbench.make.certify.lawless:Lawless"]
 THEIRS = [*OURS, "mine.py:Mine"]
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import tsbench
+from tsbench.cli.diagnosis import Status, check_edition
 from tsbench.core.paths import MIRRORED, OWN_CITY, SHIPPED_CITIES, using_city
 from tsbench.run import edition
 from tsbench.run.contract import SCORING
@@ -27,7 +28,6 @@ from tsbench.run.edition import (
 )
 from tsbench.scenarios.certificates import certificates_of
 from tsbench.scenarios.data_set import DataSet
-from tsbench.tools.diagnosis import Status, check_edition
 
 FEW = ("dev", "holdout")
 SCENES = DataSet.in_use().editions()
@@ -125,7 +125,7 @@ def test_a_release_writes_its_version_and_keeps_the_others(
 
 def test_the_doctor_names_the_edition_and_what_was_changed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(edition, "contract_now", lambda _, split: found(split))
-    # Those of all rows are looked at in tests/dataset/certify/test_certificates_hold.py.
+    # Those of all rows are looked at in tests/make/certify/test_certificates_hold.py.
     monkeypatch.setattr(DataSet, "splits", FEW)
     *splits, certificates = check_edition()
     assert [finding.status for finding in splits] == [Status.OK] * len(FEW)

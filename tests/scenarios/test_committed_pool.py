@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from tsbench.dataset.maps.stats import count_tables
 from tsbench.geometry.angles import wrap_deg
+from tsbench.make.maps.stats import count_tables
 from tsbench.scenarios.map_pool import SLOTS, PoolRow, read_pool
 
 POOL = Path(__file__).resolve().parents[2] / "sumo_nets" / "pool.parquet"

@@ -13,15 +13,15 @@ from simworld import simulation
 
 from tsbench.core.benchmark import MAPS, VARIANTS_OF
 from tsbench.core.seeds import seed_of
-from tsbench.dataset.city import load_city
-from tsbench.dataset.scenes import verify
-from tsbench.dataset.scenes.build import APART_M, stratum_of
-from tsbench.dataset.scenes.map_scenarios import LESS_TRAFFIC
-from tsbench.dataset.scenes.recipe import load_recipe
-from tsbench.dataset.scenes.split import split_pool
-from tsbench.dataset.scenes.variants import variants_of
-from tsbench.dataset.scenes.verify import verify_rows, verify_split
 from tsbench.learn.code_counts import plates_of
+from tsbench.make.city import load_city
+from tsbench.make.scenes import verify
+from tsbench.make.scenes.build import APART_M, stratum_of
+from tsbench.make.scenes.map_scenarios import LESS_TRAFFIC
+from tsbench.make.scenes.recipe import load_recipe
+from tsbench.make.scenes.split import split_pool
+from tsbench.make.scenes.variants import variants_of
+from tsbench.make.scenes.verify import verify_rows, verify_split
 from tsbench.run.edition import editions
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
 from tsbench.scenarios.data_set import DataSet

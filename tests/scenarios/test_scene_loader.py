@@ -12,7 +12,7 @@ from simworld import SceneMaker, plate
 
 from tsbench.core.errors import InputError
 from tsbench.core.xmlfile import read_plain, sha256
-from tsbench.dataset.scenes.verify import verify_rows
+from tsbench.make.scenes.verify import verify_rows
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
 from tsbench.scenarios.data_set import DataSet

@@ -9,7 +9,7 @@ import pytest
 from lxml import etree
 from simworld import SceneMaker, motion_at, plate
 
-from tsbench.dataset.scenes.traffic import Car
+from tsbench.make.scenes.traffic import Car
 from tsbench.roads.lane_graph import Destination
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader

@@ -10,11 +10,11 @@ import pytest
 from simworld import CALM, SceneMaker, motion_at, plate, road_plain
 
 from tsbench.core.errors import SimulationError
-from tsbench.dataset.maps.build import build_net
-from tsbench.dataset.placements.crosswalk_net import kerb_to_kerb, path_name, with_crossings
-from tsbench.dataset.scenes.elements import walker_elements
-from tsbench.dataset.scenes.recipe import load_recipe
-from tsbench.dataset.scenes.traffic import Car
+from tsbench.make.maps.build import build_net
+from tsbench.make.placements.crosswalk_net import kerb_to_kerb, path_name, with_crossings
+from tsbench.make.scenes.elements import walker_elements
+from tsbench.make.scenes.recipe import load_recipe
+from tsbench.make.scenes.traffic import Car
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
 from tsbench.scenarios.spec import ScenarioSpec

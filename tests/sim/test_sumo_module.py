@@ -18,7 +18,7 @@ from patience import HANG_S
 from simworld import CALM, SceneMaker, motion_at, obstacle, plate
 
 from tsbench.core.errors import SimulationError
-from tsbench.dataset.scenes.traffic import Car
+from tsbench.make.scenes.traffic import Car
 from tsbench.roads.lane_graph import Destination
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.ego import Motion, advance

@@ -7,9 +7,9 @@ import math
 import pytest
 from spec_tables import numbers, table, words
 
-from tsbench.dataset.scenes import traffic
-from tsbench.dataset.scenes.recipe import load_recipe
 from tsbench.episode import outcome
+from tsbench.make.scenes import traffic
+from tsbench.make.scenes.recipe import load_recipe
 from tsbench.metrics import comfort
 from tsbench.planners import registry
 from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4

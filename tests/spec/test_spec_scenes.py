@@ -9,9 +9,9 @@ from spec_tables import numbers, table
 
 from tsbench.core import benchmark
 from tsbench.core.seeds import ROOT_SEED
-from tsbench.dataset.city import load_city
-from tsbench.dataset.scenes import split, variants
-from tsbench.dataset.scenes.recipe import load_recipe
+from tsbench.make.city import load_city
+from tsbench.make.scenes import split, variants
+from tsbench.make.scenes.recipe import load_recipe
 from tsbench.scenarios.certificates import DENSITY_TOLERANCE
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import SIGNED

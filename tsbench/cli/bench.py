@@ -8,12 +8,11 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from tsbench.cli import options
+from tsbench.cli import benches, options
 from tsbench.cli.console import print_table
 from tsbench.cli.options import FILE, POSITIVE, Words
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_json
-from tsbench.tools import benches
 
 
 @click.command()
@@ -115,7 +114,7 @@ def _networks(json_path: Path | None) -> None:
 
 
 def _environment(rounds: int, json_path: Path | None) -> None:
-    from tsbench.envs.env_speed import BLOCK, rates_of, vectorised
+    from tsbench.learn.envs.env_speed import BLOCK, rates_of, vectorised
 
     goals = {"vector": 1500, "scene": 800}
     figures = {kind: (*rates_of(kind, rounds * BLOCK), vectorised(kind, rounds * BLOCK)) for kind in goals}

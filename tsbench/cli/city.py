@@ -12,19 +12,19 @@ from tsbench.cli import options
 from tsbench.cli.console import bars, print_notes, print_table
 from tsbench.core.errors import InputError
 from tsbench.core.paths import MIRRORED, city_names
-from tsbench.dataset.city import chosen_city, describe_city, fetch_extracts, new_city_file
-from tsbench.dataset.maps import overpass
-from tsbench.dataset.maps.extracts import find_extract
-from tsbench.dataset.maps.names import ending_of
-from tsbench.dataset.maps.paths import sources_dir
-from tsbench.dataset.scenes.recipe import load_recipes
+from tsbench.make.city import chosen_city, describe_city, fetch_extracts, new_city_file
+from tsbench.make.maps import overpass
+from tsbench.make.maps.extracts import find_extract
+from tsbench.make.maps.names import ending_of
+from tsbench.make.maps.paths import sources_dir
+from tsbench.make.scenes.recipe import load_recipes
 from tsbench.run.edition import edition_now
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import read_pool
 from tsbench.signs.countries import Country, country_code, country_in_use
 
 if TYPE_CHECKING:
-    from tsbench.dataset.city import City
+    from tsbench.make.city import City
     from tsbench.scenarios.map_pool import PoolRow
 
 
@@ -69,7 +69,7 @@ def list_() -> None:
 @options.osm
 def show(png: Path | None, streets: bool, rose: Path | None, osm_dir: Path | None) -> None:
     """The extracts of a city, its maps, and which types it carries: on how many maps, and why not on more."""
-    from tsbench.dataset.maps.stats import draw_pool
+    from tsbench.make.maps.stats import draw_pool
 
     data = DataSet.in_use()
     found = chosen_city()
@@ -91,7 +91,7 @@ def show(png: Path | None, streets: bool, rose: Path | None, osm_dir: Path | Non
 
 def _show_streets(city: City, osm_dir: Path | None, rose: Path | None) -> None:
     """Statistics of the street network of each extract, and a picture of the directions of its streets."""
-    from tsbench.dataset.maps.streets import draw_bearings, graph_of, streets_of
+    from tsbench.make.maps.streets import draw_bearings, graph_of, streets_of
 
     files = {one.name: find_extract(one.name, osm_dir or sources_dir()) for one in city.extracts}
     graphs = {extract: graph_of(file) for extract, file in files.items()}
@@ -156,8 +156,8 @@ def new(
     osm: Path | None,
 ) -> None:
     """Describe an extract, or the roads of a box or place that are fetched, as the city NAME in cities/NAME.yaml."""
-    from tsbench.dataset.maps.own_extract import facts_of
-    from tsbench.dataset.maps.place import GEOCODER, outline_of
+    from tsbench.make.maps.own_extract import facts_of
+    from tsbench.make.maps.place import GEOCODER, outline_of
 
     file, code = new_city_file(name), country_code(country, "--country")
     if osm is not None and not osm.is_dir() and ending_of(osm.name):
@@ -204,7 +204,7 @@ def fetch(name: str, osm_dir: Path | None) -> None:
 @options.workers
 def build(types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Build a city's data set: pool, pairs of every type in dev and test, certificates. Resumable."""
-    from tsbench.dataset.scenes.city_build import build_city
+    from tsbench.make.scenes.city_build import build_city
 
     data = DataSet.in_use()
     chosen, found = options.types_of(data, types), chosen_city()
@@ -221,7 +221,7 @@ def build(types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
 @options.osm
 def write_surfaces(osm_dir: Path | None) -> None:
     """Write what lies around a built city's roads, for pictures: buildings, greenery, water of its extracts."""
-    from tsbench.dataset.maps.ground import write_ground
+    from tsbench.make.maps.ground import write_ground
 
     path, maps = write_ground(osm_dir or sources_dir())
     told = ", ".join(f"{kind} on {count:,}" for kind, count in maps.items())
@@ -230,8 +230,8 @@ def write_surfaces(osm_dir: Path | None) -> None:
 
 def _show_types(city: City, pool: list[PoolRow], types: tuple[str, ...] = ()) -> None:
     """What a city carries."""
-    from tsbench.dataset.scenes.city_build import carried
-    from tsbench.dataset.scenes.overview import build_report, report_file
+    from tsbench.make.scenes.city_build import carried
+    from tsbench.make.scenes.overview import build_report, report_file
 
     recipes = load_recipes(DataSet.in_use().catalog, types)
     found = carried(city, pool, recipes, build_report() if report_file().is_file() else [])

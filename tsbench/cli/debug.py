@@ -12,11 +12,11 @@ from pathlib import Path
 import click
 
 from tsbench.api.drive import Drive, row_of
+from tsbench.board.isolation.image import image_of
 from tsbench.cli import EXIT_FAILED, options
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.episode.perception_level import EXACTLY, Perception, load_level
-from tsbench.run.isolation.image import image_of
 from tsbench.run.log.manifest import planners_of
 from tsbench.run.log.read import read_run
 from tsbench.scenarios.data_set import DataSet

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 
 from tsbench.cli import EXIT_FAILED
-from tsbench.tools.diagnosis import Status, examine
+from tsbench.cli.diagnosis import Status, examine
 
 _COLOURS = {"ok": "green", "note": "yellow", "failed": "red"}
 
@@ -30,7 +30,7 @@ def doctor(arithmetic: bool, write: bool) -> None:
     if write and not arithmetic:
         raise click.UsageError("--write goes with --arithmetic")
     if arithmetic:
-        from tsbench.tools.network_arithmetic import check_arithmetic, write_reference
+        from tsbench.learn.networks.network_arithmetic import check_arithmetic, write_reference
 
         if write:
             for path in write_reference():

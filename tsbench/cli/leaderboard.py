@@ -11,17 +11,17 @@ from urllib.parse import quote
 import click
 from rich.progress import Progress
 
+from tsbench.board.claim import claim_of, claims_of
+from tsbench.board.isolation.image import image_of, in_image
+from tsbench.board.submission import json_schema
+from tsbench.board.submit import make_submission
+from tsbench.board.verification import ClaimVerdict, Verification
+from tsbench.board.verification import verify as run_verify
 from tsbench.cli import EXIT_FAILED, EXIT_NOT_COMPARABLE, options
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.streams import progress_console
-from tsbench.leaderboard.claim import claim_of, claims_of
-from tsbench.leaderboard.submission import json_schema
-from tsbench.leaderboard.submit import make_submission
-from tsbench.leaderboard.verification import ClaimVerdict, Verification
-from tsbench.leaderboard.verification import verify as run_verify
-from tsbench.run.isolation.image import image_of, in_image
 
 _SEED, _DRAWN = click.IntRange(0, 2**63 - 1), "Of the draw: your own choice, made after the submission."
 
@@ -60,7 +60,7 @@ def submit(folder: Path, planner: str | None, traces: int, out: Path | None, **t
         f"{made.rescored} judged again from their traces"
     )
     if traces:
-        players = load("tsbench.leaderboard.players")
+        players = load("tsbench.board.players")
         count = players.copy_traces(folder, made, path, traces)
         click.echo(f"{players.traces_beside(path)}: {count} traces")
 
@@ -158,7 +158,7 @@ def build(folder: Path, out: Path, players: int) -> None:
 
     Traces of NAME.json lie in NAME.traces beside it.
     """
-    pages = load("tsbench.leaderboard.site").build_site(folder, out, players)
+    pages = load("tsbench.board.site").build_site(folder, out, players)
     click.echo(f"{out / 'index.html'}: {pages} rows")
 
 

@@ -9,13 +9,13 @@ import click
 
 from tsbench.cli import options
 from tsbench.cli.console import bars, print_notes, print_table
-from tsbench.dataset.city import chosen_city
-from tsbench.dataset.maps import overpass, paths
+from tsbench.make.city import chosen_city
+from tsbench.make.maps import overpass, paths
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import read_pool
 
 if TYPE_CHECKING:
-    from tsbench.dataset.maps.stats import CountTable
+    from tsbench.make.maps.stats import CountTable
 
 
 @click.group()
@@ -29,7 +29,7 @@ def maps() -> None:
 @options.out("Network to write, .net.xml or .net.xml.gz.", type=options.FILE, required=True)
 def convert(extract: Path, out: Path) -> None:
     """Convert an OSM EXTRACT (.osm, .gz, .bz2, .pbf) to a SUMO network."""
-    from tsbench.dataset.maps.netconvert import convert_extract
+    from tsbench.make.maps.netconvert import convert_extract
 
     facts, city = convert_extract(extract, out), chosen_city()
     click.echo(
@@ -53,8 +53,8 @@ def convert(extract: Path, out: Path) -> None:
 @options.workers
 def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
     """Harvest all extracts of a folder into the pool. Interrupted, it goes on where it was."""
-    from tsbench.dataset.maps.harvest import harvest as run_harvest
-    from tsbench.dataset.maps.stats import count_tables
+    from tsbench.make.maps.harvest import harvest as run_harvest
+    from tsbench.make.maps.stats import count_tables
 
     target = out or paths.made_pool()
     report = target.with_name("harvest.json")
@@ -80,7 +80,7 @@ def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
 @options.png("Draw a map with every crop as a dot.")
 def stats(pool_path: Path | None, png: Path | None) -> None:
     """Count the pool by family, shape, lanes, curvature, length and source."""
-    from tsbench.dataset.maps.stats import count_tables, draw_pool
+    from tsbench.make.maps.stats import count_tables, draw_pool
 
     pool = read_pool(pool_path or DataSet.in_use().pool_path)
     _print_counts(count_tables(pool))
@@ -109,7 +109,7 @@ def fetch(name: str, bbox: str, date: str | None, server: str | None, out: Path 
 @options.out("PNG file to draw.", type=options.FILE, required=True)
 def show(map_ids: tuple[str, ...], osm_dir: Path | None, out: Path) -> None:
     """Cut maps from their extracts and draw them on one sheet."""
-    from tsbench.report.map_sheet import draw_maps
+    from tsbench.make.pages.map_sheet import draw_maps
 
     draw_maps(map_ids, osm_dir or paths.sources_dir(), out)
     click.echo(f"{len(map_ids)} maps: {out}")

@@ -12,7 +12,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
 from tsbench.core.paths import CITY, OWN_CITY, city_names, driven_city, expanded, expanded_text, using_city
 from tsbench.episode.perception_level import EXACT
-from tsbench.planners.common.batching import DEVICES
+from tsbench.planners.batching import DEVICES
 from tsbench.planners.registry import names as registered
 from tsbench.run.plan import choose_types, types_and_groups
 from tsbench.scenarios.data_set import DataSet

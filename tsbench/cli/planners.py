@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
+from tsbench.board.isolation.image import in_image
 from tsbench.cli import options
 from tsbench.cli.console import print_table
 from tsbench.core.errors import InputError
@@ -17,7 +18,6 @@ from tsbench.core.extras import load
 from tsbench.episode.outcome import Outcome
 from tsbench.planners import registry
 from tsbench.planners.check import Level, check_statically
-from tsbench.run.isolation.image import in_image
 from tsbench.scenarios.data_set import DataSet
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def list_planners(parts: bool) -> None:
 
 
 def _print_parts() -> None:
-    from tsbench.planners.plant2.plant2_network import parts  # brings torch
+    from tsbench.learn.plant2.plant2_network import parts  # brings torch
 
     rows = [
         (large.name, f"{small.parameters:,}", f"{large.parameters:,}", large.published or "-")
@@ -77,7 +77,7 @@ def check(planner: str, limit: int, submission: bool, image: str | None) -> int:
     if image is not None:
         raise InputError(f"--image {image}: a planner runs in an image isolated only: add --submission")
     # Not before it is needed: these bring SUMO with them.
-    from tsbench.tools.check_planner import check_driving, choose
+    from tsbench.run.check_planner import check_driving, choose
 
     loaded = registry.resolve(planner)
     # Somebody's own data set may have no dev split.
@@ -93,7 +93,7 @@ def check(planner: str, limit: int, submission: bool, image: str | None) -> int:
 
 
 def _check_submission(planner: str, limit: int, image: str | None) -> int:
-    from tsbench.tools.check_submission import check_submission  # brings SUMO
+    from tsbench.board.check_submission import check_submission  # brings SUMO
 
     console = Console()
     with console.status("") as status:
@@ -137,7 +137,7 @@ def from_sb3(model: Path, action: str | None, hold: int, draws: bool, name: str,
     It takes MLP policies of PPO, A2C, SAC, TD3 and DDPG. Nothing is unpickled.
     """
     folder = out or model.with_suffix("")
-    made = load("tsbench.adapters.sb3.convert").convert(
+    made = load("tsbench.bridges.sb3.convert").convert(
         model, folder, action=action, hold=hold, draws=draws, name=name
     )
     facts = made.training

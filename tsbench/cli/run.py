@@ -136,7 +136,7 @@ def rescore(folder: Path) -> None:
     Exit code 1 and a list of episodes where they differ. RUN/rescored.json says so to reports.
     """
     # It imports the rules, which the process of a run needs nowhere else.
-    from tsbench.tools.rescore import rescore as rescore_run
+    from tsbench.run.rescore import rescore as rescore_run
 
     result = rescore_run(folder)
     if result.note:

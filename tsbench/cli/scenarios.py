@@ -15,12 +15,12 @@ from tsbench.cli.analyse import out as analysis_out
 from tsbench.cli.console import bars, print_table, show_analysis
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
-from tsbench.dataset.certify.recertify import draw_sample, recertify
-from tsbench.dataset.maps.paths import sources_dir
-from tsbench.dataset.scenes.axes import type_axes
-from tsbench.dataset.scenes.calibration import calibrate, driven_speeds, grid_speeds, sample_rows
-from tsbench.dataset.scenes.place_lint import finding_counts, lint_rows
-from tsbench.dataset.scenes.verify import verify_certificates, verify_pairs, verify_rows, verify_split
+from tsbench.make.certify.recertify import draw_sample, recertify
+from tsbench.make.maps.paths import sources_dir
+from tsbench.make.scenes.axes import type_axes
+from tsbench.make.scenes.calibration import calibrate, driven_speeds, grid_speeds, sample_rows
+from tsbench.make.scenes.place_lint import finding_counts, lint_rows
+from tsbench.make.scenes.verify import verify_certificates, verify_pairs, verify_rows, verify_split
 from tsbench.report.analyses.analysis import to_csv
 from tsbench.report.wording import scene_facts
 from tsbench.run.edition import earlier_splits
@@ -63,8 +63,8 @@ def scenarios() -> None:
 @options.workers
 def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Fill each type's quotas from the pool: tables, scene files and certificates. Resumable."""
-    from tsbench.dataset.scenes.build import BuildRequest, build_scenarios
-    from tsbench.dataset.scenes.overview import shown_reason
+    from tsbench.make.scenes.build import BuildRequest, build_scenarios
+    from tsbench.make.scenes.overview import shown_reason
 
     data = DataSet.in_use()
     chosen, root = options.types_of(data, types), data.folder / "scenarios"
@@ -208,9 +208,9 @@ def lint(types: tuple[str, ...], split: str | None, each: int | None) -> None:
 )
 def stats(markdown: Path | None) -> None:
     """Rows, maps, unique places, certificates, distinct values per axis, tagging and quotas per type and split."""
-    from tsbench.dataset.scenes.overview import build_report, type_stats
-    from tsbench.dataset.scenes.tagging import tagging
-    from tsbench.report.tables.dataset_tables import axes_table, dataset_page, dataset_tables, tagging_table
+    from tsbench.make.pages.dataset_tables import axes_table, dataset_page, dataset_tables, tagging_table
+    from tsbench.make.scenes.overview import build_report, type_stats
+    from tsbench.make.scenes.tagging import tagging
 
     rows = options.rows_of(DataSet.in_use(), None)
     counted, quotas = dataset_tables(type_stats(rows), build_report())
@@ -233,7 +233,7 @@ def stats(markdown: Path | None) -> None:
 @options.workers
 def browse(types: tuple[str, ...], split: str | None, out: Path, workers: int) -> None:
     """Write one page to look at the data set: types, places, scenes, certificates. At most 20 MB, opens from disk."""
-    from tsbench.report.page.dataset_page import write_dataset_page  # brings pictures
+    from tsbench.make.pages.dataset_page import write_dataset_page  # brings pictures
 
     data = DataSet.in_use()
     rows = options.rows_of(data, split, types)

@@ -9,8 +9,8 @@ import click
 from tsbench.cli import options
 from tsbench.cli.console import bars
 from tsbench.core.errors import TsbenchError
-from tsbench.dataset.city import chosen_city
-from tsbench.dataset.maps.paths import sources_dir
+from tsbench.make.city import chosen_city
+from tsbench.make.maps.paths import sources_dir
 from tsbench.run.edition import edition_now
 from tsbench.scenarios.data_set import DataSet
 
@@ -26,7 +26,7 @@ def seal() -> None:
 @click.argument("file", type=options.FILE)
 def secret(file: Path) -> None:
     """Make a secret. Who has it can make the scenes: keep it to yourself until they are published."""
-    from tsbench.dataset.seal import make_secret
+    from tsbench.board.seal import make_secret
 
     make_secret(file)
     click.echo(f"{file}: a secret of 256 bits")
@@ -40,7 +40,7 @@ def secret(file: Path) -> None:
 @options.workers
 def build(secret: Path, types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Build the city NAME's data set as `tsbench city build` does, drawn with a secret. Resumable."""
-    from tsbench.dataset.seal import build_sealed
+    from tsbench.board.seal import build_sealed
 
     data = DataSet.in_use()
     chosen = options.types_of(data, types)
@@ -54,7 +54,7 @@ def build(secret: Path, types: tuple[str, ...], osm_dir: Path | None, workers: i
 @options.out("The file to publish.", type=options.FILE, required=True)
 def commit(out: Path) -> None:
     """Write down the hashes of a sealed data set and of its secret: what is published before the scenes are."""
-    from tsbench.dataset.seal import commitments, write_commitments
+    from tsbench.board.seal import commitments, write_commitments
 
     found = commitments()
     write_commitments(found, out)
@@ -67,7 +67,7 @@ def commit(out: Path) -> None:
 @click.option(_SECRET, type=options.FILE, help="The secret, once it is published.")
 def check(file: Path, secret: Path | None) -> None:
     """Are the scenes that are here those that were committed to? Exit code 1 where they are not."""
-    from tsbench.dataset.seal import problems, read_commitments
+    from tsbench.board.seal import problems, read_commitments
 
     published = read_commitments(file)
     options.use_city(published.name)

@@ -35,7 +35,7 @@ def show_sign(code: str) -> None:
 @options.out("Folder for pages and pictures.", type=options.FOLDER, required=True)
 def write_pages(types: tuple[str, ...], out: Path) -> None:
     """Write a page for each scenario type: law, rule, a violation and an obedient pass of the same scene."""
-    from tsbench.report.tables.sign_pages import PageMaker
+    from tsbench.make.pages.sign_pages import PageMaker
 
     data = DataSet.in_use()
     maker = PageMaker(data, out)
@@ -68,7 +68,7 @@ def show_equivalents(country: Country | None, path: Path | None, out: Path | Non
         write_csv(catalog, countries, path)
         click.echo(str(path))
     if out is not None:
-        from tsbench.report.tables.sign_pages import countries_analysis, country_analysis
+        from tsbench.make.pages.sign_pages import countries_analysis, country_analysis
 
         of_one = None if country is None else country_analysis(catalog, country)
         show_analysis(of_one or countries_analysis(countries), out, printed=False)

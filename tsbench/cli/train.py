@@ -22,8 +22,8 @@ from tsbench.learn.imitation.frames_store import TrainingResources
 from tsbench.learn.imitation.recipe import ImitationRecipe, validation_rows
 from tsbench.learn.imitation.skill import drive, skill_of
 from tsbench.learn.oracle.trajectories import trajectories_path
+from tsbench.learn.plant2.planner_ft import StopPolicy
 from tsbench.metrics.intervals import share_ends
-from tsbench.planners.plant2.planner_ft import StopPolicy
 from tsbench.planners.weights import Network, network
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import torch
 
-from tsbench.planners.common.batching import check_device
+from tsbench.planners.batching import check_device
 
 # Of malloc.h (glibc).
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3

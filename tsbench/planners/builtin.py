@@ -13,11 +13,11 @@ IDM_S1, IDM_S2, IDM_S3, IDM_S4 = (
     PlannerEntry(f"tsbench.planners.styles:IdmS{style}", kind="rules", sign_access=False)
     for style in (1, 2, 3, 4)
 )
-PPO = learned("ppo", "tsbench.planners.ppo.ppo_planner:Ppo")
-CARL = learned("carl", "tsbench.planners.carl.carl_planner:Carl")
-PLANT2 = learned("plant2", "tsbench.planners.plant2.plant2_planner:Plant2")
+PPO = learned("ppo", "tsbench.learn.ppo.ppo_planner:Ppo")
+CARL = learned("carl", "tsbench.learn.carl.carl_planner:Carl")
+PLANT2 = learned("plant2", "tsbench.learn.plant2.plant2_planner:Plant2")
 PLANT2_FT = learned(
-    "plant2-ft", "tsbench.planners.plant2.planner_ft:Plant2Ft", sign_access=True, chooses_route=True
+    "plant2-ft", "tsbench.learn.plant2.planner_ft:Plant2Ft", sign_access=True, chooses_route=True
 )
 BLIND, COIN = (
     PlannerEntry(
@@ -27,19 +27,19 @@ BLIND, COIN = (
 )
 CODES = PlannerEntry("tsbench.planners.floor.codes:Codes", "floor", chooses_route=True, floor=True)
 PLANT2_BLIND = learned(
-    "plant2-blind", "tsbench.planners.plant2.planner_ft:Plant2Blind", chooses_route=True, floor=True
+    "plant2-blind", "tsbench.learn.plant2.planner_ft:Plant2Blind", chooses_route=True, floor=True
 )
 PLANT2_FT_SEED1 = learned(
-    "plant2-ft-seed1", "tsbench.planners.plant2.ablations:SecondSeed", sign_access=True, chooses_route=True
+    "plant2-ft-seed1", "tsbench.learn.plant2.ablations:SecondSeed", sign_access=True, chooses_route=True
 )
 # Planners that others made. An expert would put tsbench's own hand over what is measured, so none is made of them.
 METADRIVE_PPO = PlannerEntry(
-    "tsbench.adapters.metadrive:MetaDrivePpo", THIRD_PARTY, sign_access=False, chooses_route=True
+    "tsbench.bridges.metadrive:MetaDrivePpo", THIRD_PARTY, sign_access=False, chooses_route=True
 )
 COMMONROAD_REACTIVE = PlannerEntry(
-    "tsbench.adapters.commonroad:Reactive", THIRD_PARTY, sign_access=True, chooses_route=True
+    "tsbench.bridges.commonroad:Reactive", THIRD_PARTY, sign_access=True, chooses_route=True
 )
-PDM = PlannerEntry("tsbench.adapters.pdm:Pdm", REIMPLEMENTED, sign_access=False, chooses_route=True)
+PDM = PlannerEntry("tsbench.bridges.pdm:Pdm", REIMPLEMENTED, sign_access=False, chooses_route=True)
 READER, CAREFUL = (
     PlannerEntry(f"tsbench.planners.reader:{name}", "expert", privileged=True)
     for name in ("Reader", "Careful")

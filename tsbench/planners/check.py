@@ -1,4 +1,4 @@
-"""Findings about a planner that need no driving, in plain words. `tsbench.tools.check_planner` checks its driving."""
+"""Findings about a planner that need no driving, in plain words. `tsbench.run.check_planner` checks its driving."""
 
 from __future__ import annotations
 

@@ -18,14 +18,14 @@ from typing import cast
 
 from tsbench.core.errors import InputError
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
-from tsbench.planners.common.batching import Batched, Infer
+from tsbench.planners.batching import Batched, Infer
 from tsbench.planners.loading import import_attribute
 
 GROUP = "tsbench.planners"
 EXPERT = "-e"
 EXPERT_MODULE = "tsbench.planners.experts.expert"
 NUPLAN = "nuplan:"
-NUPLAN_MODULE = "tsbench.adapters.nuplan"
+NUPLAN_MODULE = "tsbench.bridges.nuplan"
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +152,7 @@ def place_of(name: str) -> str:
 
 def is_own(source: str) -> bool:
     """Is a module or file a planner of this package? Adapters bring planners of others."""
-    return in_package(source) and not source.startswith("tsbench.adapters.")
+    return in_package(source) and not source.startswith("tsbench.bridges.")
 
 
 def comes_with_tsbench(spec: str) -> bool:

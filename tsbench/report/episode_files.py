@@ -195,8 +195,8 @@ def make_selected(
 
 # By format: where its writer is, and its files' suffix.
 WRITERS = {
-    "commonroad": ("tsbench.report.export.commonroad_file:write_commonroad", ".xml"),
-    "mcap": ("tsbench.report.export.mcap_recording:write_recording", ".mcap"),
+    "commonroad": ("tsbench.bridges.commonroad.commonroad_file:write_commonroad", ".xml"),
+    "mcap": ("tsbench.bridges.mcap_recording:write_recording", ".mcap"),
 }
 FORMATS = tuple(WRITERS)
 

@@ -18,7 +18,7 @@ from tsbench.core.machine import adopt_orphans
 from tsbench.core.paths import expanded
 from tsbench.core.provenance import MOST_BYTES, closure, digest
 from tsbench.planners.base import Planner
-from tsbench.planners.common.batching import DEVICES
+from tsbench.planners.batching import DEVICES
 from tsbench.planners.loading import cause_with_place
 from tsbench.planners.registry import LoadedPlanner, in_package, resolve
 from tsbench.run import opened_files

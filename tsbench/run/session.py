@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import pyarrow as pa
 
+from tsbench.board.isolation.image import image_of, in_image
+from tsbench.board.isolation.isolated_loading import check_unchanged_since, code_hash, describe
 from tsbench.core.errors import InputError
 from tsbench.core.text import fault_in_name
 from tsbench.episode.outcome import Outcome
@@ -23,8 +25,6 @@ from tsbench.run.execution.executor import Executor
 from tsbench.run.execution.local import make_executor
 from tsbench.run.execution.messages import ISOLATED, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
-from tsbench.run.isolation.image import image_of, in_image
-from tsbench.run.isolation.isolated_loading import check_unchanged_since, code_hash, describe
 from tsbench.run.listener import Listener, Started
 from tsbench.run.log.folder import RunFolder, check_folder
 from tsbench.run.log.journal import Journal
@@ -39,8 +39,8 @@ from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
 
 if TYPE_CHECKING:
+    from tsbench.board.isolation.isolated_loading import SandboxedPlanner
     from tsbench.metrics.aggregate import Summary
-    from tsbench.run.isolation.isolated_loading import SandboxedPlanner
 
 
 class ProgressListener(Protocol):

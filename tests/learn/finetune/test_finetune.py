@@ -24,10 +24,10 @@ from tsbench.learn.imitation.skill import Skill
 from tsbench.learn.imitation.task import ImitationTask
 from tsbench.learn.imitation.trainer import train
 from tsbench.learn.oracle.trajectories import Recorded, write_trajectories
-from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.planner_ft import Plant2Blind, Plant2Ft
-from tsbench.planners.plant2.plant2_network import Plant2Network
-from tsbench.planners.plant2.vocabulary import vocabulary_of
+from tsbench.learn.plant2 import layout as at
+from tsbench.learn.plant2.planner_ft import Plant2Blind, Plant2Ft
+from tsbench.learn.plant2.plant2_network import Plant2Network
+from tsbench.learn.plant2.vocabulary import vocabulary_of
 from tsbench.planners.weights import load_weights
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import HALVES, ScenarioSpec

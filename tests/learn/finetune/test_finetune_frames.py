@@ -20,11 +20,11 @@ from tsbench.learn.imitation.drives import DriveResult, Drivers, PlannerDrive
 from tsbench.learn.imitation.frames import observations
 from tsbench.learn.imitation.frames_store import plan_hash
 from tsbench.learn.oracle.trajectories import QuantisedPlanner, Recorded, fingerprints, steps_of
+from tsbench.learn.plant2 import layout as at
+from tsbench.learn.plant2.planner_ft import Plant2Ft
+from tsbench.learn.plant2.vocabulary import vocabulary_of
 from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.base import PlannerContext
-from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.planner_ft import Plant2Ft
-from tsbench.planners.plant2.vocabulary import vocabulary_of
 from tsbench.planners.registry import resolve
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader

@@ -24,8 +24,8 @@ from tsbench.learn.imitation.frames_store import (
     make_chunk,
     plan_hash,
 )
-from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.tokens import Tokeniser
+from tsbench.learn.plant2 import layout as at
+from tsbench.learn.plant2.tokens import Tokeniser
 from tsbench.planners.registry import resolve
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import Roads, SceneLoader

@@ -13,8 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from tsbench.core.errors import InputError, SimulationError
-from tsbench.envs.scene_seen import PLATE, SceneSeen
 from tsbench.episode.runner import EpisodeRunner
+from tsbench.learn.envs.scene_seen import PLATE, SceneSeen
 from tsbench.learn.oracle.export import export
 from tsbench.learn.oracle.ticks import shapes
 from tsbench.learn.oracle.trajectories import (

@@ -14,12 +14,12 @@ from hypothesis import strategies as st
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
-from tsbench.envs.drive_env import DriveEnv
+from tsbench.learn.envs.drive_env import DriveEnv
+from tsbench.learn.ppo.vector import SIZE
+from tsbench.learn.rl.actions import HOLD_TICKS, accelerate, action_for
 from tsbench.learn.rl.dagger import DaggerWrapper, warm_up
 from tsbench.learn.rl.policy import policy_of
 from tsbench.planners.idm import Idm
-from tsbench.planners.ppo.vector import SIZE
-from tsbench.planners.rl.actions import HOLD_TICKS, accelerate, action_for
 
 pytestmark = pytest.mark.slow
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 import tsbench
+from tsbench.board.isolation.isolated_loading import describe as describe_isolated
 from tsbench.episode.trace import read_trace, trace_path
-from tsbench.run.isolation.isolated_loading import describe as describe_isolated
 from tsbench.run.log.manifest import marks_of, read_manifest
 from tsbench.run.planner_info import describe
 

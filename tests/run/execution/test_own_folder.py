@@ -12,9 +12,9 @@ import pytest
 from hostile import __file__ as hostile_file
 from patience import HANG_S
 
+from tsbench.board.isolation.process import PlannerProcess
 from tsbench.core.errors import InputError
 from tsbench.run.execution.own_folder import ACTOR, SANDBOX, OwnFolder, remove_abandoned
-from tsbench.run.isolation.process import PlannerProcess
 
 _OWNER = (
     "import sys, time; from tsbench.run.execution.own_folder import OwnFolder; "

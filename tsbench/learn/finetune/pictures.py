@@ -10,8 +10,8 @@ import numpy as np
 import shapely
 
 from tsbench.geometry.polyline import Array
-from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.vocabulary import Vocabulary
+from tsbench.learn.plant2 import layout as at
+from tsbench.learn.plant2.vocabulary import Vocabulary
 from tsbench.report.drawing.canvas import STYLE, Camera, Image
 from tsbench.report.drawing.lettering import text_width, write
 from tsbench.report.drawing.paint import paint, sheet

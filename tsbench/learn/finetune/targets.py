@@ -28,12 +28,12 @@ from tsbench.core.errors import InputError
 from tsbench.geometry.polyline import Array
 from tsbench.learn.imitation.drives import DriveResult
 from tsbench.learn.imitation.frames import DrivenPath, Sampling
+from tsbench.learn.plant2 import layout as at
+from tsbench.learn.plant2.sign_tokens import STOPPED_MPS
+from tsbench.learn.plant2.tokens import Pose
 from tsbench.planners.base import Observation
-from tsbench.planners.common.speed_profile import PathSamples
-from tsbench.planners.common.swept_path import HALF_LENGTH_M, moving_ahead, obstacle_ahead
-from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.sign_tokens import STOPPED_MPS
-from tsbench.planners.plant2.tokens import Pose
+from tsbench.planners.speed_profile import PathSamples
+from tsbench.planners.swept_path import HALF_LENGTH_M, moving_ahead, obstacle_ahead
 from tsbench.signs.model import RuleSpec
 from tsbench.signs.plate_params import ApproachParams, ObstacleParams, ReservedLaneParams
 from tsbench.sim.scene import Scene

@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeVar, cast
 
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.planners.plant2.tokens import Tokeniser
+from tsbench.learn.plant2.tokens import Tokeniser
 from tsbench.planners.registry import resolve
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import Roads, SceneLoader

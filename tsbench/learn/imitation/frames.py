@@ -19,9 +19,9 @@ from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.episode.traffic_view import TrafficView
 from tsbench.geometry.polyline import Array
 from tsbench.learn.imitation.drives import DriveResult
+from tsbench.learn.plant2 import layout as at
+from tsbench.learn.plant2.tokens import Pose, to_frame
 from tsbench.planners.base import Observation
-from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.tokens import Pose, to_frame
 from tsbench.scenarios.scene_loader import Roads
 from tsbench.sim.navigation import Navigator
 from tsbench.sim.world import DT_S, Agents, WorldSnapshot

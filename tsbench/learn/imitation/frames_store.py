@@ -25,8 +25,8 @@ from tsbench.core.machine import one_thread_each
 from tsbench.core.seeds import rng_of
 from tsbench.learn.imitation.drives import DriveResult, Drivers, EpisodeDrive
 from tsbench.learn.imitation.frames import FRAME, Imitated, Sampling, frames_of
-from tsbench.planners.plant2.layout import Records
-from tsbench.planners.plant2.plant2_planner import Plant2
+from tsbench.learn.plant2.layout import Records
+from tsbench.learn.plant2.plant2_planner import Plant2
 
 DRIVES_PER_CHUNK = 20
 _ATTEMPTS = 3

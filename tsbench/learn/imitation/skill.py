@@ -13,8 +13,8 @@ from tsbench.core.machine import one_thread_each
 from tsbench.core.parallel import worker_processes
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.planners.plant2.planner_ft import Plant2Blind, Plant2Ft, StopPolicy
-from tsbench.planners.plant2.plant2_planner import Plant2
+from tsbench.learn.plant2.planner_ft import Plant2Blind, Plant2Ft, StopPolicy
+from tsbench.learn.plant2.plant2_planner import Plant2
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.scenarios.spec import ScenarioSpec
 

@@ -13,8 +13,8 @@ from tsbench.learn.imitation.drives import EpisodeDrive
 from tsbench.learn.imitation.frames_store import ImitationSource, Source
 from tsbench.learn.imitation.recipe import ImitationRecipe, TrainingRecipe, drives_of, validation_rows
 from tsbench.learn.imitation.skill import Skill
-from tsbench.planners.plant2.layout import Records
-from tsbench.planners.plant2.plant2_network import Plant2Network
+from tsbench.learn.plant2.layout import Records
+from tsbench.learn.plant2.plant2_network import Plant2Network
 from tsbench.scenarios.spec import ScenarioSpec
 
 Integers = npt.NDArray[np.intp]

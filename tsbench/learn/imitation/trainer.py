@@ -27,11 +27,11 @@ from tsbench.learn.imitation.recipe import TrainingRecipe
 from tsbench.learn.imitation.skill import Skill, measure
 from tsbench.learn.imitation.task import ImitationTask
 from tsbench.learn.learning_curve import CURVE, LOSSES, add_row, draw_imitation
+from tsbench.learn.plant2 import layout as at
+from tsbench.learn.plant2.layout import Records
+from tsbench.learn.plant2.plant2_network import NetworkPlan, Plant2Network
+from tsbench.learn.plant2.torch_inference import tensors
 from tsbench.learn.start import command_line, prepare
-from tsbench.planners.plant2 import layout as at
-from tsbench.planners.plant2.layout import Records
-from tsbench.planners.plant2.plant2_network import NetworkPlan, Plant2Network
-from tsbench.planners.plant2.torch_inference import tensors
 from tsbench.planners.weights import Network, network, save_weights
 
 # So that no term drowns the others: a good path is wrong by centimetres, a good speed still by a quarter of a nat.

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import tsbench
 from tsbench.core.parquet import OSM_LICENCE
-from tsbench.envs.scene_seen import EGO, SceneSeen
+from tsbench.learn.envs.scene_seen import EGO, SceneSeen
 from tsbench.learn.oracle.ticks import REWARDS, Driven, shapes
 from tsbench.sim.world import DT_S
 

@@ -17,8 +17,8 @@ import pyarrow.parquet as pq
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, replacing, write_atomic
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY
-from tsbench.envs.scene_seen import SceneSeen
 from tsbench.episode.episode import Episode
+from tsbench.learn.envs.scene_seen import SceneSeen
 from tsbench.learn.oracle.card import NAME as CARD
 from tsbench.learn.oracle.card import Card
 from tsbench.learn.oracle.ticks import REWARDS, driven, shapes

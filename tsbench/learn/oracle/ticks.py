@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 
 from tsbench.core.errors import SimulationError
-from tsbench.envs.reward import RewardSpec, RouteReward
-from tsbench.envs.scene_seen import SceneSeen
 from tsbench.episode.episode import Episode
+from tsbench.learn.envs.reward import RewardSpec, RouteReward
+from tsbench.learn.envs.scene_seen import SceneSeen
 from tsbench.learn.oracle.trajectories import Recorded, Replay, difference
 from tsbench.scenarios.spec import ScenarioSpec
 

@@ -23,11 +23,11 @@ from stable_baselines3.common.utils import obs_as_tensor
 from stable_baselines3.common.vec_env import VecEnv
 from torch.nn.functional import mse_loss
 
-from tsbench.envs.drive_env import DriveEnv
+from tsbench.learn.envs.drive_env import DriveEnv
+from tsbench.learn.rl.actions import action_for
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.experts.rules.obstacle_pass import ObstaclePass
 from tsbench.planners.idm import Idm
-from tsbench.planners.rl.actions import action_for
 from tsbench.roads.road_map import RoadMap
 
 _OTHER = {"right": "left", "left": "right"}

@@ -14,7 +14,7 @@ from stable_baselines3.common.type_aliases import PyTorchObs
 from torch import nn
 from torch.nn.functional import softplus
 
-from tsbench.planners.carl.carl_network import LATENT, CarlTrunk
+from tsbench.learn.carl.carl_network import LATENT, CarlTrunk
 from tsbench.planners.weights import Tensors
 
 # Beta densities with both parameters above 1 have their mode inside.

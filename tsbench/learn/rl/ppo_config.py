@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from tsbench.envs.reward import RewardSpec
-from tsbench.planners.rl.actions import HOLD_TICKS
+from tsbench.learn.envs.reward import RewardSpec
+from tsbench.learn.rl.actions import HOLD_TICKS
 
 
 @dataclass(frozen=True, slots=True)

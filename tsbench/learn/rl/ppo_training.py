@@ -14,15 +14,15 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.logger import configure
 from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
 
-import tsbench.envs
+import tsbench.learn.envs
 from tsbench.core.errors import SimulationError
 from tsbench.learn.learning_curve import draw_rl
+from tsbench.learn.rl.actions import HOLD_TICKS
 from tsbench.learn.rl.dagger import DaggerWrapper, warm_up
 from tsbench.learn.rl.policy import actor_tensors, policy_of
 from tsbench.learn.rl.ppo_config import HYPER, Hyper, Job
 from tsbench.learn.rl.progress import ProgressCallback, RlProgress, load_progress, save_progress, session_seed
 from tsbench.learn.start import command_line, keep_freed_memory, prepare
-from tsbench.planners.rl.actions import HOLD_TICKS
 from tsbench.planners.weights import Network, save_weights
 
 _CHECKPOINT_S = 60.0
@@ -123,7 +123,7 @@ def _processes(job: Job, hyper: Hyper) -> SubprocVecEnv:
     def make() -> gymnasium.Env[Any, Any]:
         return DaggerWrapper(
             gymnasium.make(
-                gymnasium.spec(tsbench.envs.DRIVE_V0),
+                gymnasium.spec(tsbench.learn.envs.DRIVE_V0),
                 split="train",
                 types=job.types or None,
                 observation=hyper.observation,

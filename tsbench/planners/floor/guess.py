@@ -10,8 +10,6 @@ from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 
 from tsbench.planners.base import Observation, PlannerContext
-from tsbench.planners.common.speed_profile import PathSamples
-from tsbench.planners.common.swept_path import HALF_LENGTH_M, obstacle_ahead
 from tsbench.planners.experts.rules.constraint import RuleConstraint
 from tsbench.planners.experts.rules.manoeuvre_constraint import Without, u_turns
 from tsbench.planners.experts.rules.obstacle_pass import ObstaclePass
@@ -19,6 +17,8 @@ from tsbench.planners.floor.lanes import BesideUsers, OwnPath, oncoming_path
 from tsbench.planners.floor.polite import Polite
 from tsbench.planners.floor.speeds import BehindLeader, HeldStop, SlowFrom, least_speed, limit_of
 from tsbench.planners.helpers import sign_ahead
+from tsbench.planners.speed_profile import PathSamples
+from tsbench.planners.swept_path import HALF_LENGTH_M, obstacle_ahead
 from tsbench.roads.lane_graph import RoutePath, Turn
 from tsbench.roads.road_map import RoadMap
 from tsbench.sim.navigation import Navigator, RouteView

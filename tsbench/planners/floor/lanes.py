@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from tsbench.planners.base import Observation, PlannerContext
-from tsbench.planners.common.lane_change import gap_free
-from tsbench.planners.common.swept_path import HALF_LENGTH_M
 from tsbench.planners.experts.rules.constraint import RuleConstraint
 from tsbench.planners.experts.rules.obstacle_pass import shifted
+from tsbench.planners.lane_change import gap_free
+from tsbench.planners.swept_path import HALF_LENGTH_M
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import MapLane
 from tsbench.sim.navigation import RouteView

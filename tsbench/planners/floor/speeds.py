@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from tsbench.planners.base import Observation
-from tsbench.planners.common.speed_profile import PathSamples
-from tsbench.planners.common.swept_path import HALF_LENGTH_M, moving_ahead
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
 from tsbench.planners.experts.rules.speed_constraint import KMH
+from tsbench.planners.speed_profile import PathSamples
+from tsbench.planners.swept_path import HALF_LENGTH_M, moving_ahead
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import DT_S
 

@@ -13,7 +13,9 @@ from functools import partial
 import numpy as np
 from matplotlib.figure import Figure
 
-from tsbench.dataset.scenes.calibration import (
+from tsbench.episode.trace import Trace, read_trace
+from tsbench.geometry.polyline import Array
+from tsbench.make.scenes.calibration import (
     GOAL,
     MOVING_MPS,
     SPEEDS_EVERY_TICKS,
@@ -23,8 +25,6 @@ from tsbench.dataset.scenes.calibration import (
     grid_speeds,
     sample_rows,
 )
-from tsbench.episode.trace import Trace, read_trace
-from tsbench.geometry.polyline import Array
 from tsbench.report.analyses.analysis import Analysis, Row, Table
 from tsbench.report.analyses.columns import count_columns, number_columns, text_columns
 from tsbench.report.analyses.run_pool import EpisodeIndex, RunPool

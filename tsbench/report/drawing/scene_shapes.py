@@ -232,7 +232,7 @@ def way_points(scene: Scene, graph: LaneGraph, edges: tuple[str, ...], d: float)
     return rounded(line).beside(d)
 
 
-# As tsbench.dataset.scenes.traffic names the cars that are only traffic.
+# As tsbench.make.scenes.traffic names the cars that are only traffic.
 _BACKGROUND = "bg_"
 _CAR_M = (5.0, 1.8)
 

@@ -20,8 +20,8 @@ from tsbench.scenarios.data_set import DataSet
 M = TypeVar("M")
 
 RUNNER = "tsbench.episode.runner:EpisodeRunner"
-ISOLATED = "tsbench.run.isolation.isolated_loading:load"
-ISOLATED_ALONE = "tsbench.run.isolation.isolated_loading:load_alone"
+ISOLATED = "tsbench.board.isolation.isolated_loading:load"
+ISOLATED_ALONE = "tsbench.board.isolation.isolated_loading:load_alone"
 
 
 @dataclass(frozen=True)

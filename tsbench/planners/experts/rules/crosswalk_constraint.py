@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsbench.planners.base import Observation, PlannerContext, Privilege
-from tsbench.planners.common.speed_profile import PathSamples
-from tsbench.planners.common.swept_path import HALF_LENGTH_M, moving_ahead
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
+from tsbench.planners.speed_profile import PathSamples
+from tsbench.planners.swept_path import HALF_LENGTH_M, moving_ahead
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.signs.plate_params import CrosswalkParams
 from tsbench.sim.navigation import RouteView

@@ -1,0 +1,143 @@
+"""Exact sums: whatever the order in which a product is added up, the bits are the same; and near to float64's."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from scipy.special import betaincinv, erf, ndtri
+
+from tsbench.learn.networks.convolution import Convolution, GroupNorm
+from tsbench.learn.networks.fixed_point import (
+    BITS,
+    LayerNorm,
+    Linear,
+    column_sums,
+    gelu,
+    snap,
+    softmax,
+    tanh,
+    tree_sum,
+)
+from tsbench.learn.networks.quantiles import beta_quantile, normal_quantile
+
+RNG = np.random.default_rng(7)
+
+
+def test_a_product_is_the_exact_sum() -> None:
+    weight, bias = RNG.normal(scale=0.3, size=(9, 300)), RNG.normal(size=9)
+    linear = Linear(weight, bias, bound=8.0, snapped=None)
+    x = snap(RNG.uniform(-8.0, 8.0, (5, 300)))
+    sums = x @ linear.weight.T
+    for row, values in zip(sums, x, strict=True):
+        for found, w in zip(row.tolist(), linear.weight, strict=True):
+            exact = sum(Fraction(a) * Fraction(b) for a, b in zip(w.tolist(), values.tolist(), strict=True))
+            assert Fraction(found) == exact
+    order = RNG.permutation(300)
+    assert (x[:, order] @ linear.weight[:, order].T).tobytes() == sums.tobytes()
+    assert np.abs(linear(x) - (x @ weight.T + bias)).max() < 1e-4
+    assert np.abs(linear(x)).max() <= linear.bound
+
+
+def test_without_rounding_the_order_shows() -> None:
+    """What the test above would find in ordinary numbers."""
+    weight, x = RNG.normal(size=(64, 300)), RNG.normal(size=(64, 300))
+    order = RNG.permutation(300)
+    assert (x[:, order] @ weight[:, order].T).tobytes() != (x @ weight.T).tobytes()
+
+
+def test_the_worst_input_is_still_exact() -> None:
+    """All of one sign, at the bound: the largest sum that the grids are made for."""
+    weight = RNG.uniform(0.2, 1.0, (1, 500))
+    linear = Linear(weight, np.zeros(1), bound=16.0, snapped=None)
+    x = np.full((1, 500), 16.0)
+    x[0, ::2] -= 2.0**-BITS
+    exact = sum(
+        Fraction(a) * Fraction(b) for a, b in zip(x[0].tolist(), linear.weight[0].tolist(), strict=True)
+    )
+    assert Fraction(float((x @ linear.weight.T)[0, 0])) == exact
+
+
+@pytest.mark.parametrize("weight", [np.full((2, 3), 1e9), np.full((2, 3), np.nan), np.full((2, 3), np.inf)])
+def test_weights_without_exact_sums_are_refused(weight: np.ndarray) -> None:
+    with pytest.raises(ValueError, match=r"too large|no finite"):
+        Linear(weight, np.zeros(2), bound=8.0)
+
+
+def test_outputs_are_multiples() -> None:
+    linear = Linear(RNG.normal(size=(4, 6)), RNG.normal(size=4), bound=4.0, snapped=10)
+    y = linear(snap(RNG.uniform(-4.0, 4.0, (8, 6)))) * 2.0**10
+    assert (y == np.rint(y)).all()
+
+
+def test_curves() -> None:
+    x = RNG.uniform(-11.9, 11.9, 20_000)
+    assert np.abs(gelu(12)(x.copy()) - 0.5 * x * (1.0 + erf(x / np.sqrt(2.0)))).max() < 1e-6
+    assert np.abs(tanh(3.0 * x) - np.tanh(3.0 * x)).max() < 1e-6
+    scores = RNG.normal(scale=4.0, size=(3, 5, 40))
+    wanted = np.exp(scores - scores.max(-2, keepdims=True))
+    wanted /= wanted.sum(-2, keepdims=True)
+    assert np.abs(softmax(scores, 24) - wanted).max() < 3e-7
+
+
+@pytest.mark.slow
+def test_normalisations_are_those_of_torch() -> None:
+    import torch
+
+    weight, bias = RNG.uniform(0.5, 1.5, 128).astype(np.float32), RNG.normal(size=128).astype(np.float32)
+    x = RNG.normal(scale=3.0, size=(7, 128))
+    wanted = torch.nn.functional.layer_norm(
+        torch.from_numpy(x), (128,), torch.from_numpy(weight).double(), torch.from_numpy(bias).double()
+    )
+    found = LayerNorm(weight, bias)(np.ascontiguousarray(x.T)).T
+    assert np.abs(found - wanted.numpy()).max() < 1e-6
+    assert np.sqrt(np.square(found).sum(axis=1)).max() <= LayerNorm(weight, bias).norm
+    pictures = RNG.normal(size=(2, 16, 8, 128))
+    channels_first = torch.from_numpy(np.ascontiguousarray(pictures.transpose(0, 3, 1, 2)))
+    wanted = torch.nn.functional.group_norm(
+        channels_first, 8, torch.from_numpy(weight).double(), torch.from_numpy(bias).double()
+    )
+    assert np.abs(GroupNorm(weight, bias, 128)(pictures) - wanted.numpy().transpose(0, 2, 3, 1)).max() < 1e-6
+
+
+def test_a_sum_by_halves() -> None:
+    x = RNG.normal(size=(3, 64))
+    assert np.allclose(tree_sum(x)[:, 0], x.sum(axis=1))
+    assert column_sums(np.ascontiguousarray(x.T)).tobytes() == tree_sum(x).tobytes()
+
+
+def test_columns_give_the_bits_of_rows() -> None:
+    """Also where a product is done in several parts, and of some of the outputs alone."""
+    snapped = np.repeat([12.0, 20.0], 300)
+    linear = Linear(RNG.normal(scale=0.1, size=(600, 128)), RNG.normal(size=600), bound=8.0, snapped=snapped)
+    x = snap(RNG.uniform(-8.0, 8.0, (40, 128)))
+    rows, columns = linear(x), np.ascontiguousarray(x.T)
+    assert np.ascontiguousarray(linear.columns(columns).T).tobytes() == rows.tobytes()
+    some = linear.part(slice(250, 400)).columns(columns)
+    assert np.ascontiguousarray(some.T).tobytes() == np.ascontiguousarray(rows[:, 250:400]).tobytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("size", "stride", "pad"), [(8, 4, 0), (4, 2, 0), (3, 2, 0), (3, 1, 1), (7, 2, 3), (1, 2, 0)]
+)
+def test_convolutions_are_those_of_torch(size: int, stride: int, pad: int) -> None:
+    import torch
+
+    weight, bias = RNG.normal(scale=0.1, size=(6, 5, size, size)), RNG.normal(size=6)
+    x = snap(RNG.uniform(-1.0, 1.0, (2, 31, 22, 5)))
+    found = Convolution(weight, bias, stride, pad, bound=1.0)(x)
+    wanted = torch.nn.functional.conv2d(
+        torch.from_numpy(np.ascontiguousarray(x.transpose(0, 3, 1, 2))), torch.from_numpy(weight),
+        torch.from_numpy(bias), stride=stride, padding=pad,
+    )  # fmt: skip
+    assert np.abs(found - wanted.numpy().transpose(0, 2, 3, 1)).max() < 1e-5
+
+
+def test_quantiles() -> None:
+    p = np.concatenate([RNG.random(5000), 10.0 ** -RNG.uniform(1.0, 16.0, 500)])
+    assert np.abs(normal_quantile(p) - ndtri(p)).max() < 1e-13
+    a, b, p = (RNG.uniform(1.0, 40.0, 300), RNG.uniform(1.0, 40.0, 300), RNG.random(300))
+    found = [beta_quantile(*three) for three in zip(a.tolist(), b.tolist(), p.tolist(), strict=True)]
+    assert np.abs(found - betaincinv(a, b, p)).max() < 1e-10

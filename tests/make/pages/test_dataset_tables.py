@@ -1,0 +1,78 @@
+"""The data set in two tables."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from tsbench.make.pages.dataset_tables import axes_table, dataset_page, dataset_tables, tagging_table
+from tsbench.make.scenes.axes import TypeAxes
+from tsbench.make.scenes.overview import TypeStats
+from tsbench.make.scenes.tagging import Tagging
+from tsbench.report.analyses.analysis import Analysis
+
+STOP = TypeStats(
+    "stop", "test", 400, 200, 20, 18, {"T": 12, "X": 8}, 0.5, 1.0, 0.9999, 1.0, 1.0, 0.0, 0.84, 0.25,
+)  # fmt: skip
+REPORT = [
+    {
+        "type_id": "stop",
+        "split": "test",
+        "missed": {"X": 2},
+        "reasons": {"others | go first": 3, "plate # stands # m along": 1},
+        "draws": {"no": 4},
+    },
+]
+
+
+def cells(analysis: Analysis) -> dict[str, object]:
+    heads = [column.head for column in analysis.table.columns]
+    return dict(zip(heads, analysis.table.rows[0].cells, strict=True))
+
+
+def test_a_share_is_whole_only_where_it_is() -> None:
+    rows = cells(dataset_tables([STOP], REPORT)[0])
+    assert rows["solvable"] == "100"
+    assert rows["tempting"] == "99.9"
+    assert rows["again"] == "0"
+    assert rows["gap s"] == 0.84
+
+
+def test_where_there_is_nobody_and_no_pair_there_is_no_figure() -> None:
+    rows = cells(dataset_tables([STOP], REPORT)[0])
+    assert (rows["pairs"], rows["seen"]) == (200, "25.0")
+    rows = cells(dataset_tables([replace(STOP, gap_s=math.nan, pairs=0, seen=math.nan)], REPORT)[0])
+    assert (rows["gap s"], rows["seen"]) == (None, "")
+
+
+def test_quotas_and_reasons() -> None:
+    maps = cells(dataset_tables([STOP], REPORT)[1])
+    assert maps["maps by stratum"] == "T 12, X 8"
+    assert maps["quota missed"] == "X 2"
+    assert maps["maps passed over, by reason"] == "3 others | go first; 1 plate … stands … m along"
+    assert maps["draws passed over"] == "4 no"
+
+
+def test_the_page_counts_rows_by_split_and_shows_those_of_test() -> None:
+    page = dataset_page(dataset_tables([STOP, replace(STOP, split="train", rows=800)], REPORT), "tables")
+    assert "1,200 rows (test 400, train 800)" in page
+    assert "| stop | test | 400 |" in page
+    assert "| stop | train |" not in page
+    assert "](tables/dataset-rows.csv)" in page
+    assert "](tables/dataset-maps.csv)" in page
+
+
+def test_in_what_rows_differ() -> None:
+    found = TypeAxes("stop", "test", 1, 3, 4, 7.9, 1.0, 2.4, 1.0, 2.4, 0.795, 0.015)
+    row = cells(axes_table([found]))
+    assert (row["plates and values"], row["densities"], row["destinations"]) == (1, 4, 2.4)
+    assert (row["apart"], row["apart without distractors"]) == ("79.5", "1.5")
+
+
+def test_generalised_maps_and_the_goal_for_routing_types() -> None:
+    within = Tagging("no_entry", "test", True, 20, 6, 30)
+    over = Tagging("direction_left", "test", True, 20, 7, 13)
+    table = tagging_table([within, over, Tagging("stop", "test", False, 20, 20, 0)])
+    assert cells(table)["generalised"] == "30.0"
+    (note,) = table.notes
+    assert "test: 32.5 % generalised, 1 of 2 types above the goal" in note

@@ -1,0 +1,280 @@
+"""How the four types are arranged on maps made by hand, and whole sites built from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pool_builders import corridor, crossroads, prepared, recipe_of, two_way
+from simworld import CALM, LIMIT, cross_plain, road_plain, simulation
+from test_route_scenes import TYPES, ways
+
+from tsbench.geometry.angles import wrap
+from tsbench.geometry.polyline import Polyline
+from tsbench.make.maps.plain import PlainEdge, PlainNet, PlainNode, split_edge
+from tsbench.make.placements.by_name import placement_of
+from tsbench.make.placements.placement import Arrangement, SceneTask
+from tsbench.make.scenes import map_scenarios as site_module
+from tsbench.make.scenes.lint import lint_scene
+from tsbench.make.scenes.map_scenarios import MapScenarios, SiteBuilder
+from tsbench.make.scenes.variants import Variant, variants_of
+from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.network import RoadNetwork
+from tsbench.scenarios.certificates import Certificate
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.map_pool import PoolRow
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import SceneFolder
+from tsbench.signs.catalog import load_catalog
+from tsbench.sim.world import EGO_LENGTH_M
+
+LAYOUTS = range(6)
+LoneYield = Callable[..., MapScenarios]
+MAPS: dict[str, tuple[PoolRow, PlainNet]] = {
+    "yield": (crossroads(), cross_plain()),
+    "speed_limit": two_way(length=300.0),
+    "detour_right": (corridor(speed=LIMIT), road_plain()),
+    "no_turn_left": ways(*TYPES["no_turn_left"]),
+}
+
+
+@pytest.fixture(scope="module")
+def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]:
+    """Each type's map as its placement prepares it."""
+    folder = tmp_path_factory.mktemp("arranged")
+    return {type_id: prepared(folder, type_id, *made) for type_id, made in MAPS.items()}
+
+
+def place(networks: dict[str, RoadNetwork], type_id: str, variant: Variant, seed: int = 1) -> Arrangement:
+    recipe, network = recipe_of(type_id), networks[type_id]
+    row = MAPS[type_id][0]
+    rng = np.random.default_rng(seed)
+    task = SceneTask(row, network, LaneGraph(network), recipe, variant, (CALM,) * 12, rng)
+    return placement_of(recipe).place(task)
+
+
+VARIANT = st.builds(
+    Variant, st.just(1), st.sampled_from([90.0, 120.0]), st.sampled_from([0.0, 4.0]),
+    st.sampled_from([3.61, 7.75, 11.05]), st.integers(0, 2), st.sampled_from(LAYOUTS),
+)  # fmt: skip
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.sampled_from(sorted(MAPS)), VARIANT, st.integers(0, 1000))
+def test_what_holds_for_every_scene(
+    networks: dict[str, RoadNetwork], type_id: str, variant: Variant, seed: int
+) -> None:
+    a, network = place(networks, type_id, variant, seed), networks[type_id]
+    graph, start = LaneGraph(network), network.lane(a.start.lane)
+    kind = load_catalog().type(type_id)
+    # Exactly one plate is what the scenario is about; navigation leads to the destination, whatever it says.
+    target = next(s for s in a.signs if s.id == a.target)
+    assert (target.code in kind.codes, target.role) == (True, "target")
+    assert a.route_hint == graph.route(start.edge, a.destination.edge)
+    assert graph.path(a.route_hint, start.index, a.start.s, a.destination) is not None
+    assert EGO_LENGTH_M / 2 <= a.start.s <= start.line.length - EGO_LENGTH_M / 2
+    assert 0.0 <= a.start.speed <= start.speed + 1e-9
+    assert 0.0 < a.destination.s < network.edge_lanes(a.destination.edge)[0].line.length
+    assert a.route_length > 0.0
+    for sign in a.signs:
+        lane = network.edge_lanes(sign.edge)[max(sign.lane, 0)]
+        s, d = lane.line.project(sign.x, sign.y)
+        assert s == pytest.approx(sign.position_m, abs=0.01)
+        assert wrap(sign.heading - lane.line.heading_at(s)) == pytest.approx(0.0, abs=1e-6)
+        if sign.lane < 0:
+            assert d == pytest.approx(-lane.width / 2 - 1.2, abs=0.01)
+    # The same draw gives the same scene.
+    assert place(networks, type_id, variant, seed).signs == a.signs
+    assert place(networks, type_id, variant, seed).start == a.start
+
+
+BENT = PlainEdge("e", "a", "b", 2, LIMIT, 5, ((0.0, 0.0), (60.0, 0.0), (110.0, 30.0), (160.0, 30.0)))
+
+
+@given(st.lists(st.floats(5.0, 160.0), min_size=1, max_size=3, unique=True))
+def test_a_cut_edge_is_the_same_road(cuts: list[float]) -> None:
+    cuts = sorted(c for k, c in enumerate(sorted(cuts)) if k == 0 or c - sorted(cuts)[k - 1] > 1.0)
+    nodes = (PlainNode("a", 0.0, 0.0), PlainNode("b", 160.0, 30.0))
+    other = PlainEdge("back", "b", "a", 1, LIMIT, 5, ((160.0, 30.0), (0.0, 0.0)))
+    net, parts = split_edge(PlainNet(nodes, (BENT, other), ()), "e", cuts)
+    whole = Polyline(BENT.shape)
+    assert parts == tuple(f"e.{k}" for k in range(len(cuts) + 1))
+    by_id = {e.id: e for e in net.edges}
+    assert "e" not in by_id
+    assert by_id["back"] == other
+    chain = [by_id[p] for p in parts]
+    assert (chain[0].source, chain[-1].target) == ("a", "b")
+    assert all(x.target == y.source for x, y in pairwise(chain))
+    places = {n.id: (n.x, n.y) for n in net.nodes}
+    for part, (begin, end) in zip(chain, pairwise([0.0, *cuts, whole.length]), strict=True):
+        line = Polyline(part.shape)
+        assert line.length == pytest.approx(end - begin)
+        assert part.shape[0] == pytest.approx(whole.point_at(begin))
+        assert part.shape[-1] == pytest.approx(whole.point_at(end))
+        assert places[part.source] == pytest.approx(part.shape[0])
+        assert (part.num_lanes, part.speed, part.priority) == (2, LIMIT, 5)
+    links = {(c.source, c.target, c.from_lane, c.to_lane) for c in net.connections}
+    assert links == {(p, q, i, i) for p, q in pairwise(parts) for i in range(2)}
+
+
+def test_a_cut_road_keeps_its_lanes_in_line(networks: dict[str, RoadNetwork]) -> None:
+    network = networks["speed_limit"]
+    for part, following in (("road.0", "road.1"), ("road.1", "road.2")):
+        for a, b in zip(network.edge_lanes(part), network.edge_lanes(following), strict=True):
+            assert a.line.points[-1] == pytest.approx(b.line.points[0], abs=0.2)
+            assert [c.to_lane for c in network.outgoing[a.index]] == [b.index]
+    assert sum(network.edges[f"road.{k}"].length for k in range(3)) == pytest.approx(300.0, abs=0.5)
+
+
+class Recorder:
+    """Proves nothing: every row is called solved and tempting; `asked` holds what the builder measured."""
+
+    expert = "idm-e"
+
+    def __init__(
+        self,
+        verdicts: Callable[[ScenarioSpec, int], tuple[bool, bool]] = lambda *_: (True, True),
+        broken: Callable[[int], bool] = lambda _: True,
+    ) -> None:
+        self.verdicts, self.broken = verdicts, broken
+        self.attempt = -1
+
+    def prove(
+        self, spec: ScenarioSpec, blind_baseline: str, attempt: int, asked: float, realised: float
+    ) -> Certificate:
+        solved, tempting = self.verdicts(spec, attempt)
+        self.attempt = attempt
+        return Certificate(
+            spec.scenario_id, spec.scenario_type, spec.split, attempt, "idm-e" if solved else "", 1.0, blind_baseline,
+            "arrived", tempting, True, asked, realised, 5, 0, 0.0, "", spec.additional_sha256, "", "", None,
+        )  # fmt: skip
+
+    def prove_pair(self, signed: Certificate, contrast: Certificate) -> tuple[Certificate, Certificate]:
+        return tuple(replace(c, exclusive=True, blind_equal=True) for c in (signed, contrast))  # type: ignore[return-value]
+
+    def breaks(self, planner: str, spec: ScenarioSpec) -> bool:
+        assert (planner, spec.scenario_type) == ("reckless", "yield")
+        return self.broken(self.attempt)
+
+
+def build(
+    type_id: str,
+    root: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    numbers: tuple[int, ...],
+    prover: Recorder | None = None,
+    violating_baseline: str = "",
+    paired: bool | None = None,
+) -> MapScenarios:
+    """A site of some of its variants, from the hand-made crop. paired: None = as the recipe says."""
+    row, crop = MAPS[type_id]
+
+    monkeypatch.setattr(site_module, "plain_crop", lambda *_: crop)
+    monkeypatch.setattr(site_module, "variants_of", lambda *of: [variants_of(*of)[k] for k in numbers])
+    recipe = recipe_of(type_id)
+    recipe = replace(
+        recipe, violating_baseline=violating_baseline, paired=recipe.paired if paired is None else paired
+    )
+    builder = SiteBuilder(recipe, root, simulation(), prover or Recorder())
+    return builder.build(row, None, "test")  # type: ignore[arg-type]
+
+
+@pytest.fixture
+def lone_yield(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> LoneYield:
+    """Builds variants of `yield` without contrast halves, each time below a folder of its own name."""
+
+    def built(
+        folder: str, numbers: tuple[int, ...], prover: Recorder | None = None, **more: str
+    ) -> MapScenarios:
+        return build("yield", tmp_path / folder, monkeypatch, numbers, prover, paired=False, **more)
+
+    return built
+
+
+@pytest.mark.parametrize("type_id", sorted(MAPS))
+def test_a_site_is_sound_dense_as_asked_and_the_same_again(
+    type_id: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = build(type_id, tmp_path / "one", monkeypatch, (0, 1))
+    assert one.reason == ""
+    halves = ["signed", "contrast"] if recipe_of(type_id).paired else ["signed"]
+    assert [(r.variant, r.half) for r in one.rows] == [(k, half) for k in (0, 1) for half in halves]
+    loader = SceneLoader(DataSet.in_use(), SceneFolder(tmp_path / "one"))
+    for row, certificate in zip(one.rows, one.certificates, strict=True):
+        density = certificate.realised_density
+        scene, roads = loader.load(row)
+        assert list(lint_scene(scene, roads.graph)) == []
+        assert (row.pair_type, row.split, row.map_id) == (type_id, "test", MAPS[type_id][0].map_id)
+        assert row.initial_speed == scene.start.speed
+        assert (scene.convoy is not None) == (type_id == "yield")
+        assert (len(scene.obstacles) > 0) == (type_id == "detour_right")
+        if row.density:
+            assert density == pytest.approx(row.density / 0.3, rel=0.25)
+        else:
+            assert density == 0.0
+        assert math.isfinite(row.route_length)
+    folder = tmp_path / "one" / "scenes" / type_id
+    files = [f"v{k}{end}.add.xml.gz" for k in (0, 1) for end in ("", "c")[: len(halves)]]
+    # Who has priority stands in the network.
+    nets = ["contrast.net.xml.gz", "net.net.xml.gz"] if type_id == "yield" else ["net.net.xml.gz"]
+    assert sorted(p.name for p in folder.rglob("*.gz")) == [*nets, *files]
+    two = build(type_id, tmp_path / "two", monkeypatch, (0, 1))
+    assert two == one  # the rows hold the hashes of the files
+
+
+def test_an_unfit_map_is_a_reason_not_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(MAPS, "speed_limit", two_way(length=100.0))
+    site = build("speed_limit", tmp_path, monkeypatch, (0,))
+    assert site.rows == ()
+    assert site.reason == "the corridor is 100 m long"
+    assert not list(tmp_path.rglob("*.gz"))
+
+
+def test_a_variant_is_drawn_anew_until_it_is_solved(tmp_path: Path, lone_yield: LoneYield) -> None:
+    site = lone_yield("kept", (0, 1), Recorder(lambda spec, k: (spec.variant == 0 or k == 2, True)))
+    assert [c.attempt for c in site.certificates] == [0, 2]
+    # The files are those of the draw that was kept, and another draw is another scene.
+    loader = SceneLoader(DataSet.in_use(), SceneFolder(tmp_path / "kept"))
+    for row, certificate in zip(site.rows, site.certificates, strict=True):
+        loader.load(row)
+        assert certificate.digest == row.additional_sha256
+    first = lone_yield("first", (0, 1))
+    assert first.rows[0] == site.rows[0]
+    assert first.rows[1].additional_sha256 != site.rows[1].additional_sha256
+    assert first.rows[1].seed != site.rows[1].seed
+
+
+def test_a_map_that_no_expert_solves_is_unfit(lone_yield: LoneYield) -> None:
+    site = lone_yield("unsolved", (0, 1), Recorder(lambda spec, _: (spec.variant == 0, True)))
+    assert site.rows == ()
+    assert site.reason == "variant 1, 4 draws, at last: no expert solves it"
+
+
+def test_one_of_ten_need_not_tempt(
+    tmp_path: Path, lone_yield: LoneYield, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Of the two that are built here one is half.
+    monkeypatch.setattr(site_module, "UNTEMPTING_MOST", 0.5)
+    site = lone_yield("half", (0, 1), Recorder(lambda spec, k: (k > 0, spec.variant == 0)))
+    assert [(c.attempt, c.tempting) for c in site.certificates] == [(1, True), (1, False)]
+    SceneLoader(DataSet.in_use(), SceneFolder(tmp_path / "half")).load(site.rows[1])
+    dull = lone_yield("dull", (0, 1), Recorder(lambda *_: (True, False)))
+    assert dull.reason == "2 variants do not tempt idm"
+
+
+def test_a_draw_whose_violating_baseline_keeps_the_rule_is_drawn_anew(lone_yield: LoneYield) -> None:
+    late = Recorder(broken=lambda attempt: attempt == 2)
+    site = lone_yield("late", (0,), late, violating_baseline="reckless")
+    assert [c.attempt for c in site.certificates] == [2]
+    # Where none of the draws shows it, the first that is solved and tempts is as good as any.
+    never = Recorder(lambda _, k: (True, k > 0), broken=lambda _: False)
+    site = lone_yield("never", (0,), never, violating_baseline="reckless")
+    assert [(c.attempt, c.tempting) for c in site.certificates] == [(1, True)]

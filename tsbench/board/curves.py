@@ -1,0 +1,90 @@
+"""The figures of the site: paired SCD of a planner over perception levels, and over cities; as large on a telephone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+from markupsafe import Markup
+from matplotlib.figure import Figure as Drawing
+
+from tsbench.board.submission import Figure
+from tsbench.report.tables.charts import GREY, GROUP_COLOURS, INK, inline_svg
+from tsbench.report.tables.forest import ForestRow, Mark, draw_rows
+
+# Inches of 72 points, which are 96 px: 340 px.
+_WIDTH, _HEIGHT = 3.54, 2.3
+_ROWS, _ROW = 0.75, 0.28
+_COLOUR = GROUP_COLOURS["priority"]
+Point = tuple[str, Figure]
+
+
+def curve(points: Sequence[Point], floor: Point | None, name: str, title: str) -> Markup:
+    """Values by perception level with their intervals, as inline SVG. floor: the planner without plates, dashed.
+
+    name: unique among the figures of the page. title: the alternative text for screen readers, before the values.
+    """
+    said = f"{title}: {'; '.join(f'{level} {_words(figure)}' for level, figure in points)}"
+    if floor is not None:
+        said += f"; floor {floor[0]} {_words(floor[1])}"
+    return inline_svg(partial(_curve, points, floor), name, said)
+
+
+def cities(points: Sequence[Point], name: str, title: str) -> Markup:
+    """Values by city with their intervals, one row each; the rest as `curve`."""
+    said = f"{title}: {'; '.join(f'{city} {_words(figure)}' for city, figure in points)}"
+    return inline_svg(partial(_cities, points), name, said)
+
+
+def _curve(points: Sequence[Point], floor: Point | None) -> Drawing:
+    drawing = Drawing(figsize=(_WIDTH, _HEIGHT), layout="constrained")
+    axes = drawing.subplots()
+    if floor is not None and floor[1].value is not None:
+        axes.axhline(floor[1].value, color=GREY, linewidth=1.2, linestyle=(0, (4, 3)))
+        axes.annotate(
+            f"floor: {floor[0]}", (0.0, floor[1].value), (2, 3), xycoords=("axes fraction", "data"),
+            textcoords="offset points", fontsize=8, color=GREY,
+        ).set(parse_math=False)  # fmt: skip
+    known = [(x, figure.value, figure) for x, (_, figure) in enumerate(points) if figure.value is not None]
+    axes.plot(
+        [x for x, _, _ in known], [v for _, v, _ in known], "o-", color=_COLOUR, markersize=5, linewidth=1.6
+    )
+    for x, top, figure in known:
+        if figure.low is not None and figure.high is not None:
+            axes.plot([x, x], [figure.low, figure.high], color=_COLOUR, linewidth=1.2)
+            top = figure.high
+        axes.annotate(
+            f"{figure.value:.1f}", (x, top), (0, 4), textcoords="offset points", ha="center", fontsize=8.5, color=INK,
+        )  # fmt: skip
+    axes.set_xticks(range(len(points)), [level for level, _ in points])
+    for label in axes.get_xticklabels():
+        label.set(parse_math=False)
+    axes.set(xlim=(-0.45, len(points) - 0.55), ylim=(-3.0, 118.0), yticks=(0, 25, 50, 75, 100))
+    axes.tick_params(labelsize=8.5)
+    axes.grid(axis="y", color="#e4e4e4", linewidth=0.6)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    return drawing
+
+
+def _cities(points: Sequence[Point]) -> Drawing:
+    drawing = Drawing(figsize=(_WIDTH, _ROWS + _ROW * len(points)), layout="constrained")
+    axes = drawing.subplots()
+    rows = [
+        ForestRow(
+            city, (Mark(f.value, f.low, f.high, _COLOUR),), "–" if f.value is None else f"{f.value:.1f}"
+        )
+        for city, f in points
+    ]
+    draw_rows(axes, rows)
+    axes.set(xlim=(-3.0, 103.0), xticks=(0, 25, 50, 75, 100))
+    axes.tick_params(axis="x", labelsize=8.5)
+    axes.spines[["top", "right"]].set_visible(False)
+    return drawing
+
+
+def _words(figure: Figure) -> str:
+    if figure.value is None:
+        return "unknown"
+    interval = "" if figure.low is None else f" (95 % interval {figure.low:.1f} to {figure.high:.1f})"
+    return f"{figure.value:.1f} %{interval}"

@@ -1,0 +1,50 @@
+"""Gymnasium environments: importing this package registers `tsbench/Drive-v1`,
+and `tsbench/Priority-v1` and the like for the types of one group.
+
+Or let Gymnasium import it, which also works in worker processes: `gymnasium.make("tsbench.learn.envs:tsbench/Drive-v1")`.
+`-v0` is the same environment with the defaults that `ppo` learned with: it shows no plate, and violations are free.
+"""
+
+from __future__ import annotations
+
+from tsbench.core.extras import missing_extra
+from tsbench.learn.envs.reward import SIGNS
+from tsbench.learn.rl.actions import action_for
+
+try:
+    import gymnasium
+except ModuleNotFoundError as problem:
+    # Python shows where an error came from as well; what it says is one line with the command that helps.
+    raise ModuleNotFoundError(str(missing_extra(problem) or problem), name=problem.name) from None
+
+__all__ = ["DRIVE", "DRIVE_V0", "GROUPS", "MAX_STEPS", "action_for"]
+
+DRIVE, DRIVE_V0 = "tsbench/Drive-v1", "tsbench/Drive-v0"
+
+GROUPS = {f"tsbench/{group.title()}-v1": group for group in ("priority", "speed", "obstacles", "routing")}
+
+# Ticks of the longest horizon, and one: what is too late ends as a failure before this cuts it short.
+MAX_STEPS = 1001
+# Defaults by version. The later one shows all that a sign asks for, its actions can do it, and its reward wants it.
+_DEFAULTS: dict[str, dict[str, object]] = {
+    "v0": {"observation": "vector", "action": "aim"},
+    "v1": {"observation": "scene", "action": "exit", "reward": SIGNS},
+}
+
+
+def _register(name: str, types: str | None) -> None:
+    for version, defaults in _DEFAULTS.items():
+        versioned = name.replace("-v1", f"-{version}")
+        if versioned not in gymnasium.registry:
+            gymnasium.register(
+                versioned,
+                entry_point="tsbench.learn.envs.drive_env:DriveEnv",
+                vector_entry_point="tsbench.learn.envs.drive_env:drive_in_processes",
+                max_episode_steps=MAX_STEPS,
+                kwargs={"types": types, **defaults},
+            )
+
+
+_register(DRIVE, None)
+for _name, _group in GROUPS.items():
+    _register(_name, _group)

@@ -1,0 +1,195 @@
+"""`scene`: plates and roads as tables of scaled numbers, for networks that shall learn what a plate asks.
+
+Every number lies in -1..1 and every table has a mask (1 = there). Places are in the ego's frame (forward, left) over
+`FAR_M`, angles as cosine and sine against its heading. Rows are sorted by distance, and plates on the navigation's way
+stand before the others.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from gymnasium import spaces
+
+from tsbench.core.errors import InputError
+from tsbench.learn.envs.objects import ADDRESSED, MAIN_ROAD, AddressedLanes, main_road, sign_codes
+from tsbench.planners.base import Observation, PlannerContext
+from tsbench.roads.lane_graph import MapGraph, shortest_ways
+from tsbench.signs.model import OUTLINES
+from tsbench.sim.ego import MAX_STEER_RAD
+from tsbench.sim.world import ActorKind
+
+Table = npt.NDArray[np.float32]
+Floats = npt.NDArray[np.float64]
+
+FAR_M, SPEED_MPS, LIMIT_KMH, LENGTH_M, WIDTH_M, WAY_M, LANES = 100.0, 30.0, 130.0, 20.0, 5.0, 1000.0, 4.0
+ROWS = {"plates": 8, "lanes": 64, "actors": 24, "obstacles": 8}
+EGO = ("speed", "acceleration", "steering", "yaw_rate", "offset", "remaining", "limit")
+# Of a plate, behind its pose and before the one-hot code; `lanes_left` over `LANES`.
+PLATE = ("has_value", "value", *ADDRESSED, *MAIN_ROAD, *OUTLINES)
+_ON_ROUTE = 4 + PLATE.index("on_route")
+_MAIN_ROAD = PLATE.index(MAIN_ROAD[0])
+# Of a piece of a lane, behind its points.
+LANE = ("width", "speed", "junction", "on_route", "leads", "way")
+POINTS, ROUTE = 8, 20
+_PIECE_M, _ROUTE_STEP_M, _YAW_RADPS, _ACCEL_MPS2 = 40.0, 2.5, 1.0, 10.0
+
+
+class SceneSeen:
+    """A dictionary of tables; `codes` are the catalogue's signs in the order of the one-hot columns, then not told.
+
+    lanes: with roads; without them it is `plates`.
+    """
+
+    def __init__(self, lanes: bool = True) -> None:
+        self._with_lanes = lanes
+        self.codes = (*sign_codes(), "")
+        self._column = {code: k for k, code in enumerate(self.codes)}
+        self._kind = {int(kind): k for k, kind in enumerate(ActorKind)}
+        self._addressed = AddressedLanes()
+        columns = {
+            "plates": 4 + len(PLATE) + len(self.codes),
+            "lanes": 2 * POINTS + len(LANE),
+            "actors": 7 + len(self._kind),
+            "obstacles": 6,
+        }
+        if not lanes:
+            del columns["lanes"]
+        shapes: dict[str, tuple[int, ...]] = {"ego": (len(EGO),), "route": (ROUTE, 2)}
+        shapes |= {name: (ROWS[name], width) for name, width in columns.items()}
+        self._shapes = shapes
+        tables: dict[str, spaces.Space[Any]] = {
+            name: spaces.Box(-1.0, 1.0, shape, np.float32) for name, shape in shapes.items()
+        }
+        masks = {f"{name}_mask": spaces.Box(0.0, 1.0, (ROWS[name],), np.float32) for name in columns}
+        self.space: spaces.Space[Any] = spaces.Dict({**tables, **masks})
+
+    def reset(self, context: PlannerContext) -> None:
+        """Cut the map's lanes into pieces once; find which of them lead to the destination."""
+        self._addressed.reset(context)
+        if not self._with_lanes:
+            return
+        ways = ways_to(context.graph, context.destination.edge)
+        onto = {v: c.to_lane for c in context.network.connections for v in c.via}
+        points, fields, edges = [], [], []
+        for lane in context.network.lanes:
+            edge = context.network.lanes[onto.get(lane.index, lane.index)].edge
+            way = ways.get(edge)
+            known, left = float(way is not None), 1.0 if way is None else way / WAY_M
+            facts = (lane.width / WIDTH_M, lane.speed / SPEED_MPS, float(lane.internal), 0.0, known, left)
+            count = max(math.ceil(lane.line.length / _PIECE_M), 1)
+            at = np.linspace(0.0, lane.line.length, count * (POINTS - 1) + 1)
+            x, y = (np.interp(at, lane.line.s, lane.line.points[:, k]) for k in (0, 1))
+            line = np.column_stack((x, y))
+            for k in range(count):
+                points.append(line[k * (POINTS - 1) : (k + 1) * (POINTS - 1) + 1])
+                fields.append(facts)
+                edges.append(edge)
+        self._points, self._fields, self._edges = np.array(points), np.array(fields), np.array(edges)
+        self._way: tuple[str, ...] = ()
+
+    def encode(self, observation: Observation) -> Any:
+        """ego, route, and plates, actors, obstacles and lanes with a mask each."""
+        o, ego, route = observation, observation.ego, observation.route
+        c, s = math.cos(ego.heading), math.sin(ego.heading)
+        turn = np.array(((c, -s), (s, c)))
+        here = np.array((ego.x, ego.y))
+
+        def place(xy: Floats) -> Floats:
+            moved: Floats = (xy - here) @ turn
+            return moved / FAR_M
+
+        def poses(rows: Floats) -> Floats:
+            angle = rows[:, 2] - ego.heading
+            return np.column_stack((place(rows[:, :2]), np.cos(angle), np.sin(angle)))
+
+        line = route.path.line
+        steps = np.minimum(route.s + _ROUTE_STEP_M * np.arange(1, ROUTE + 1), line.length)
+        ahead = np.column_stack([np.interp(steps, line.s, line.points[:, k]) for k in (0, 1)])
+        own = ego.speed / SPEED_MPS, ego.acceleration / _ACCEL_MPS2, ego.steering / MAX_STEER_RAD
+        on_route = route.d / WIDTH_M, min(route.remaining, WAY_M) / WAY_M
+        limit = route.path.limit_at(route.s) / SPEED_MPS
+        state = (*own, ego.yaw_rate / _YAW_RADPS, *on_route, limit)
+        found = {"ego": _scaled(np.array(state)), "route": _scaled(place(ahead))}
+        plates = np.array([(p.x, p.y, p.heading) for p in o.signs]).reshape(-1, 3)
+        fixed = np.array([(t.x, t.y, t.heading) for t in o.obstacles]).reshape(-1, 3)
+        sizes = np.array([(t.length / LENGTH_M, t.width / WIDTH_M) for t in o.obstacles]).reshape(-1, 2)
+        tables = {
+            "plates": np.hstack((poses(plates), self._identity(o))),
+            "actors": np.hstack((poses(o.actors.pose), self._bodies(o))),
+            "obstacles": np.hstack((poses(fixed), sizes)),
+        }
+        if self._with_lanes:
+            tables["lanes"] = self._lanes(route.path.edges, here, place)
+        for name, rows in tables.items():
+            found[name], found[f"{name}_mask"] = self._padded(name, rows)
+        return found
+
+    def _identity(self, o: Observation) -> Floats:
+        rows = np.zeros((len(o.signs), len(PLATE) + len(self.codes)))
+        rows[:, 2 : 2 + len(ADDRESSED)] = self._addressed(o) / (1.0, LANES, 1.0)
+        for k, plate in enumerate(o.signs):
+            if plate.value is not None:
+                rows[k, :2] = 1.0, plate.value / LIMIT_KMH
+            rows[k, _MAIN_ROAD : _MAIN_ROAD + len(MAIN_ROAD)] = main_road(plate)
+            if plate.outline:
+                rows[k, PLATE.index(plate.outline)] = 1.0
+            if plate.code not in self._column:
+                raise InputError(
+                    f"plate {plate.code!r}: not in the catalogue, so `scene` has no column for it"
+                )
+            rows[k, len(PLATE) + self._column[plate.code]] = 1.0
+        return rows
+
+    def _bodies(self, o: Observation) -> Floats:
+        a = o.actors
+        kinds = np.zeros((len(a), len(self._kind)))
+        for k, kind in enumerate(a.kind.tolist()):
+            kinds[k, self._kind[kind]] = 1.0
+        return np.hstack(
+            (np.column_stack((a.speed / SPEED_MPS, a.length / LENGTH_M, a.width / WIDTH_M)), kinds)
+        )
+
+    def _lanes(self, way: tuple[str, ...], here: Floats, place: Any) -> Floats:
+        if way is not self._way:
+            self._way = way
+            self._fields[:, LANE.index("on_route")] = np.isin(self._edges, way)
+        away = ((self._points - here) ** 2).sum(axis=2).min(axis=1)
+        count = min(ROWS["lanes"], len(away))
+        near = np.argpartition(away, count - 1)[:count]
+        near = near[np.argsort(away[near], kind="stable")]
+        near = near[away[near] < FAR_M * FAR_M]
+        lines = place(self._points[near].reshape(-1, 2)).reshape(len(near), -1)
+        return np.hstack((lines, self._fields[near]))
+
+    def _padded(self, name: str, rows: Floats) -> tuple[Table, Table]:
+        table, mask = np.zeros(self._shapes[name], np.float32), np.zeros(ROWS[name], np.float32)
+        if name != "lanes":
+            off_route = 1.0 - rows[:, _ON_ROUTE] if name == "plates" else np.zeros(len(rows))
+            rows = rows[np.lexsort((np.hypot(rows[:, 0], rows[:, 1]), off_route))]
+        rows = rows[: ROWS[name]]
+        table[: len(rows)], mask[: len(rows)] = _scaled(rows), 1.0
+        return table, mask
+
+
+def ways_to(graph: MapGraph, target: str) -> dict[str, float]:
+    """From the start of each edge that leads there, m to the start of `target`, along edges."""
+    edges, roads = list(graph.network.edges), graph.network.edges
+    number = {edge: k for k, edge in enumerate(edges)}
+    before: list[list[int]] = [[] for _ in edges]
+    for edge in edges:
+        for following in graph.successors(edge):
+            before[number[following]].append(number[edge])
+
+    def back(k: int, cost: float) -> Iterator[tuple[int, float]]:
+        return ((source, cost + roads[edges[source]].length) for source in before[k])
+
+    return {edges[k]: reached.cost for k, reached in shortest_ways(number[target], back).items()}
+
+
+def _scaled(values: Floats) -> Table:
+    return np.clip(values, -1.0, 1.0).astype(np.float32)

@@ -1,0 +1,283 @@
+"""Drives a scenario row and says what that proves. Source: docs/scenes.md, "Certificates"."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from tsbench.episode.episode import Episode
+from tsbench.episode.outcome import EpisodeResult
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.make.certify.pair import (
+    AnswerReplay,
+    Prejudiced,
+    Recorder,
+    alike_to_others,
+    braking_before,
+    line_point,
+    others_differ,
+)
+from tsbench.make.certify.sanity import arrival_gap, overlapping_pairs, road_users
+from tsbench.make.certify.watching import Habit, Watcher, braking_to_meet, drawn_habits
+from tsbench.metrics.episode_metrics import is_scd
+from tsbench.planners.base import Control, Trajectory
+from tsbench.planners.registry import LoadedPlanner, resolve
+from tsbench.run.contract import SCORING
+from tsbench.scenarios.certificates import Certificate, bases
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
+from tsbench.sim.convoy import Approach, Showing
+from tsbench.sim.sumo import Simulation
+from tsbench.sim.world import WorldSnapshot
+
+# In the order in which they are asked; the first that solves a row stands in its certificate.
+EXPERTS = ("idm-e", "idm-s3-e", "idm-s4-e")
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """An episode, and what its driver was told, first shown and answered."""
+
+    result: EpisodeResult
+    seen: Recorder
+
+    @property
+    def passed(self) -> bool:
+        """Did it get SCD?"""
+        return _is_passed(self.result)
+
+
+@dataclass(frozen=True)
+class _Proof:
+    """One half as it was proven: the expert's drive (the first's where none passes) and the blind baseline's."""
+
+    spec: ScenarioSpec
+    solver: str
+    solved: _Drive
+    blind: _Drive
+
+
+class Certifier:
+    """Proves rows in the process's one simulation. loader: gives their scenes."""
+
+    expert: str = EXPERTS[0]
+
+    def __init__(self, simulation: Simulation, loader: SceneLoader) -> None:
+        self._simulation, self._loader = simulation, loader
+        self._loaded: dict[str, LoadedPlanner] = {}
+        self._proofs: dict[str, _Proof] = {}
+
+    def prove(
+        self, spec: ScenarioSpec, blind_baseline: str, attempt: int, asked: float, realised: float
+    ) -> Certificate:
+        """The certificate of a row. blind_baseline: the sign-blind driver's name. asked, realised: cars per lane-km."""
+        solver, solved = self._solve(spec)
+        blind = self._drive(blind_baseline, spec)
+        self._proofs[spec.half] = _Proof(spec, solver, solved, blind)
+        facts, calm = blind.result.facts, solved.result.facts
+        return Certificate(
+            scenario_id=spec.scenario_id, scenario_type=spec.scenario_type, split=spec.split, attempt=attempt,
+            expert=solver, expert_time_s=_time(solved.result) if solver else math.nan, blind_baseline=blind_baseline,
+            blind_outcome=blind.result.outcome.value, tempting=not blind.passed,
+            engaged=facts is not None and facts.target.engaged, asked_density=asked, realised_density=realised,
+            road_users=0 if facts is None else road_users(facts),
+            overlaps=0 if calm is None else overlapping_pairs(calm),
+            arrival_gap_s=math.nan if facts is None else arrival_gap(facts),
+            error=solved.result.error or blind.result.error, digest=_digest(solved.result, blind.result),
+            basis=bases([spec])[spec.scenario_id], scoring=SCORING, reproduced=None,
+        )  # fmt: skip
+
+    def prove_pair(self, signed: Certificate, contrast: Certificate) -> tuple[Certificate, Certificate]:
+        """Both with what is known of the pair. Raises ValueError unless its rows were the last two that were proven."""
+        a, b = self._proofs[SIGNED], self._proofs[CONTRAST]
+        if (a.spec.scenario_id, b.spec.scenario_id) != (signed.scenario_id, contrast.scenario_id):
+            raise ValueError(f"{signed.scenario_id} and {contrast.scenario_id} were not proven last")
+        replayed = (
+            self._passes(_replay(one.solved.seen.answers), other.spec) for one, other in ((a, b), (b, a))
+        )
+        differs_s, brake = self._reaction(a, b)
+        pair = partial(
+            replace, exclusive=not any(replayed), passed_by=self._passed_by(a, b),
+            blind_equal=a.blind.seen.view == b.blind.seen.view != "", differs_s=differs_s, brake_mps2=brake,
+        )  # fmt: skip
+        return pair(signed), pair(contrast)
+
+    def again(self, rows: Sequence[tuple[ScenarioSpec, Certificate]]) -> list[Certificate]:
+        """A row, or the two of a pair, driven once more.
+
+        `reproduced` where it shows the same, whatever code drove it before, and where. What only the builder measures
+        (attempt, densities) is kept.
+        """
+        new = [
+            self.prove(spec, old.blind_baseline, old.attempt, old.asked_density, old.realised_density)
+            for spec, old in rows
+        ]
+        if len(new) > 1 and all(c.solvable for c in new):
+            new = list(self.prove_pair(*new))
+        return [
+            replace(fresh, reproduced=not old.differences(fresh))
+            for (_, old), fresh in zip(rows, new, strict=True)
+        ]
+
+    def _solve(self, spec: ScenarioSpec) -> tuple[str, _Drive]:
+        """The first expert that gets SCD and its episode; "" and the first expert's episode if none does."""
+        drives = []
+        for name in EXPERTS:
+            drives.append(self._drive(name, spec))
+            if drives[-1].passed:
+                return name, drives[-1]
+        return "", drives[0]
+
+    def _passed_by(self, a: _Proof, b: _Proof) -> str:
+        """The driver that passes both halves without plates: the blind baseline, one half's obedient driver, or ""."""
+        if a.blind.passed and b.blind.passed:
+            return a.blind.result.planner
+        always = (one.spec.half for one, other in ((a, b), (b, a)) if self._passes_obeying(one, other.spec))
+        return next((f"who always obeys the {half} plate" for half in always), "")
+
+    def _passes_obeying(self, one: _Proof, other: ScenarioSpec) -> bool:
+        """Does the expert of a half pass the other one, told the first one's plate?"""
+        expert, told = self._planner(one.solver), one.solved.seen.context
+        assert told is not None
+        assert told.privilege is not None
+        plate = told.privilege
+        return self._passes(replace(expert, factory=lambda: Prejudiced(expert.factory(), plate)), other)
+
+    def _reaction(self, a: _Proof, b: _Proof) -> tuple[float | None, float | None]:
+        """When others first do something else, under the blind baseline's commands of the signed half, and the braking
+        that would still stop it before its line then; None, None where they never do before the line.
+
+        Of a driver who watches, where others show it sooner what the plates say. Nobody watches where the halves are
+        alike to others: they can show nothing.
+        """
+        facts = a.blind.result.facts
+        ticks = () if facts is None else facts.snapshots
+        tick = self._first_difference(ticks, a.blind.seen.answers, b.spec)
+        brake = None if facts is None or tick is None else braking_before(line_point(facts.scene), tick)
+        found = [] if tick is None or brake is None else [(tick.time, brake)]
+        one, other = (self._loader.load(half.spec)[0] for half in (a, b))
+        habits = () if alike_to_others(one, other) else drawn_habits(a.spec.pair_name)
+        found += [shown for habit in habits if (shown := self.shown_to(habit, a.spec, b.spec))]
+        return min(found, key=lambda shown: shown[1], default=(None, None))
+
+    def shown_to(
+        self, habit: Habit, signed: ScenarioSpec, contrast: ScenarioSpec
+    ) -> tuple[float, float] | None:
+        """When others first do something else in the contrast half, under a watching driver's commands of the signed
+        one, and the braking that would still stop it then; None where they do not before they may.
+        """
+        scene, _ = self._loader.load(signed)
+        approach = Approach(scene.network.lane(scene.start.lane))
+        showing = Showing.of(scene.convoy or scene.walkers)
+        watcher = Recorder(Watcher(habit, approach))
+        early: list[WorldSnapshot] = []
+
+        def may_show(episode: Episode) -> bool:
+            now = episode.snapshots[-1]
+            may = showing.may(approach.to_line(now.ego), now.ego.speed)
+            early[now.step :] = () if may else (now,)
+            return may
+
+        self._run_until(LoadedPlanner(habit.name, lambda: watcher), signed, may_show)
+        tick = self._first_difference(early, watcher.answers, contrast)
+        return None if tick is None else (tick.time, braking_to_meet(approach, showing, tick.ego))
+
+    def _planner(self, name: str) -> LoadedPlanner:
+        if name not in self._loaded:
+            self._loaded[name] = replace(resolve(name), name=name)
+        return self._loaded[name]
+
+    def _drive(self, planner: str, spec: ScenarioSpec) -> _Drive:
+        return self._run(self._planner(planner), spec)
+
+    def _first_difference(
+        self, ticks: Sequence[WorldSnapshot], answers: Sequence[Control | Trajectory], other: ScenarioSpec
+    ) -> WorldSnapshot | None:
+        """The first of an episode's ticks at which others do something else than when its driver's answers are given in
+        the other half; None where they never do while both last.
+        """
+        found: list[WorldSnapshot] = []
+
+        def is_over(episode: Episode) -> bool:
+            now = episode.snapshots[-1]
+            found[:] = [one for one in ticks[now.step : now.step + 1] if others_differ(one, now)]
+            return bool(found) or now.step + 1 >= len(ticks)
+
+        self._run_until(_replay(answers), other, is_over)
+        return found[0] if found else None
+
+    def _passes(self, planner: LoadedPlanner, spec: ScenarioSpec) -> bool:
+        """Does its episode get SCD? At the first event that counts against it, the answer is known."""
+        result = self._run_until(planner, spec, lambda now: bool(now.judged().against))
+        return result is not None and _is_passed(result)
+
+    def breaks(self, planner: str, spec: ScenarioSpec) -> bool:
+        """Does `planner` (a name or module:Class) break the rule of the row's sign? Not if its episode broke off."""
+        facts = self._drive(planner, spec).result.facts
+        return facts is not None and not facts.target.compliant
+
+    def _run_until(
+        self, planner: LoadedPlanner, spec: ScenarioSpec, is_over: Callable[[Episode], bool]
+    ) -> EpisodeResult | None:
+        """An episode; None where it was broken off at a tick that `is_over`, before the planner was asked.
+
+        The last tick is shown to `is_over`, too. Raises what the planner raises.
+        """
+        driver = planner.factory()
+        episode = Episode(
+            spec,
+            planner=planner.name,
+            privileged=planner.privileged,
+            floor=planner.floor,
+            simulation=self._simulation,
+            loader=self._loader,
+        )
+        if episode.result is None:
+            driver.reset(episode.context)
+        while episode.result is None:
+            if is_over(episode):
+                return None
+            episode.step(driver.act(episode.observation))
+        if episode.result.facts is not None:
+            is_over(episode)
+        return episode.result
+
+    def _run(self, planner: LoadedPlanner, spec: ScenarioSpec) -> _Drive:
+        seen = Recorder(planner.factory())
+        runner = EpisodeRunner(
+            replace(planner, factory=lambda: seen), simulation=self._simulation, loader=self._loader
+        )
+        return _Drive(runner.run(spec), seen)
+
+
+def _replay(answers: Sequence[Control | Trajectory]) -> LoadedPlanner:
+    return LoadedPlanner("replay", lambda: AnswerReplay(answers))
+
+
+def _is_passed(result: EpisodeResult) -> bool:
+    return result.facts is not None and is_scd(result.facts)
+
+
+def _time(result: EpisodeResult) -> float:
+    return math.nan if result.facts is None else result.facts.snapshots[-1].time
+
+
+def _digest(*results: EpisodeResult) -> str:
+    """SHA-256 over all places at each tick, and the verdicts on them."""
+    digest = hashlib.sha256()
+    for result in results:
+        digest.update(f"{result.planner}|{result.outcome}|{result.error}".encode())
+        if result.facts is None:
+            continue
+        egos = [(s.ego.x, s.ego.y, s.ego.heading, s.ego.speed) for s in result.facts.snapshots]
+        digest.update(np.array(egos, dtype=np.float64).tobytes())
+        for snapshot in result.facts.snapshots:
+            digest.update(snapshot.actors.pose.tobytes())
+        for violation in result.facts.against:
+            digest.update(violation.sentence.encode())
+    return digest.hexdigest()

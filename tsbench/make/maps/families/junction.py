@@ -1,0 +1,110 @@
+"""Junctions: three (T) or four (X) arms without signals, each at least 40 m long and cut at 80 m."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from tsbench.make.maps.arms import Arm, arms_of, least_separation, through_pairs
+from tsbench.make.maps.cut import EdgePiece, arm_pieces
+from tsbench.make.maps.families.common import make_row
+from tsbench.make.maps.source import SourceNetwork
+from tsbench.scenarios.map_pool import PoolRow
+
+ARM_MIN_M = 40.0
+ARM_CUT_M = 80.0
+SEPARATION_DEG = 40.0
+SIGNAL_RADIUS_M = 30.0
+SHAPES = {3: "T", 4: "X"}
+
+
+def near_signal(source: SourceNetwork) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Which nodes have an OSM signal within 30 m, (n,): mappers put signals on the stop lines, too."""
+    if not len(source.signals):
+        return np.zeros(len(source.node_ids), bool)
+    distance, _ = cKDTree(source.signals).query(source.node_xy)
+    result: np.ndarray[tuple[int], np.dtype[np.bool_]] = distance < SIGNAL_RADIUS_M
+    return result
+
+
+def junction_shape(arms: list[Arm]) -> str:
+    """`T`, `X`, or "" for what is neither: merges, forks, slip roads, split carriageways, stars.
+
+    Arms are at least 40 degrees apart; a T has one pair of arms that go straight on, an X two.
+    """
+    shape = SHAPES.get(len(arms), "")
+    if not shape or least_separation(arms) < SEPARATION_DEG:
+        return ""
+    return shape if len(through_pairs(arms)) == len(arms) - 2 else ""
+
+
+def find_junctions(source: SourceNetwork, rejected: Counter[str]) -> Iterator[PoolRow]:
+    """All junction maps of a source; `rejected` counts, by reason, nodes of 3 or 4 arms that are none."""
+    signals = near_signal(source)
+    ring_edges = {edge for ring in source.rings for edge in ring}
+    for node in range(len(source.node_ids)):
+        arms = arms_of(source, node)
+        if len(arms) not in SHAPES:
+            continue
+        if any(source.edge_ids[row] in ring_edges for arm in arms for row in arm.rows):
+            reason = "on a roundabout"
+        elif signals[node]:
+            reason = "has signals"
+        elif min(arm.length_m for arm in arms) < ARM_MIN_M:
+            reason = "an arm is shorter than 40 m"
+        elif not junction_shape(arms):
+            reason = "neither T nor X (merge, fork, split carriageway, star)"
+        elif min(sum(a.in_row is not None for a in arms), sum(a.out_row is not None for a in arms)) < 2:
+            reason = "fewer than two ways in or out"
+        else:
+            yield _row(source, node, arms)
+            continue
+        rejected[f"junction: {reason}"] += 1
+
+
+def junction_pieces(source: SourceNetwork, detail: dict[str, Any]) -> list[EdgePiece]:
+    def row(edge: str | None) -> int | None:
+        return None if edge is None else source.edge_row[edge]
+
+    arms = [(row(arm["in_edge"]), row(arm["out_edge"])) for arm in detail["arms"]]
+    return [piece for arm in arms for piece in arm_pieces(source, *arm, ARM_CUT_M)]
+
+
+def arm_detail(source: SourceNetwork, arm: Arm) -> dict[str, object]:
+    """An arm as data: edges, heading outwards in degrees, kept length in metres, lanes in and out, class."""
+    any_row = arm.rows[0]
+    return {
+        "in_edge": source.edge_ids[arm.in_row] if arm.in_row is not None else None,
+        "out_edge": source.edge_ids[arm.out_row] if arm.out_row is not None else None,
+        "heading_deg": round(arm.heading_deg, 1),
+        "length_m": round(min(arm.length_m, ARM_CUT_M), 1),
+        "lanes_in": int(source.lanes[arm.in_row]) if arm.in_row is not None else 0,
+        "lanes_out": int(source.lanes[arm.out_row]) if arm.out_row is not None else 0,
+        "class": source.road_class[any_row],
+    }
+
+
+def _row(source: SourceNetwork, node: int, arms: list[Arm]) -> PoolRow:
+    pairs = through_pairs(arms)
+    bends = [abs(arms[i].heading_deg - arms[j].heading_deg) for i, j in pairs]
+    straightness = max(float(np.sin(np.radians(bend / 2))) for bend in bends)
+    return make_row(
+        source,
+        family="junction",
+        shape=junction_shape(arms),
+        ids=[source.node_ids[node]],
+        pieces=[p for arm in arms for p in arm_pieces(source, arm.in_row, arm.out_row, ARM_CUT_M)],
+        main=[row for arm in arms for row in arm.rows],
+        junctions=[node],
+        curvature=straightness,
+        length_m=min(min(arm.length_m, ARM_CUT_M) for arm in arms),
+        detail={
+            "node": source.node_ids[node],
+            "arms": [arm_detail(source, arm) for arm in arms],
+            "through": [list(pair) for pair in pairs],
+        },
+    )

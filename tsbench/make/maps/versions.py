@@ -1,0 +1,199 @@
+"""Which objects of an extract count, and whether they stand in the order that netconvert needs.
+
+Files hold objects that are no more: versions in a history, `visible="false"`, `action="delete"` of an editor. And
+Overpass writes ways before their nodes, which netconvert then drops without a word.
+"""
+
+from __future__ import annotations
+
+import re
+import zlib
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import osmium
+from lxml import etree
+
+from tsbench.core.errors import InputError
+from tsbench.make.maps.degrees import Places, check_numbers, check_places, places_of
+from tsbench.make.maps.names import CHANGES, ending_of, occurs, opened_xml
+from tsbench.make.maps.plain_xml import elements
+from tsbench.make.maps.plausible import some
+
+_KINDS = ("node", "way", "relation")
+_ENTITIES = (osmium.osm.NODE, osmium.osm.WAY, osmium.osm.RELATION)
+# What only files of editors and of changes have; most files are not looked at any closer.
+_MARKS = re.compile(rb"""<osmChange[\s>]|\baction\s*=\s*["']delete["']""")
+
+
+def osm_file(path: Path) -> Any:
+    """The file for pyosmium, which knows endings in small letters and plain OSM XML only."""
+    if has_geometry(path):
+        return osmium.io.FileBuffer(with_nodes(path), "osm")
+    kind, _, packed = ending_of(path.name).rpartition(".")
+    return osmium.io.File(str(path), f"osm.{packed}" if kind and packed in ("gz", "bz2") else packed)
+
+
+@dataclass(frozen=True)
+class Contents:
+    """The objects of an extract in the order of the file, (n,): kind (0 node, 1 way, 2 relation), and does it count?
+
+    file: for pyosmium. places: of the nodes that count.
+    """
+
+    file: Any
+    kind: npt.NDArray[np.int8]
+    counts: npt.NDArray[np.bool_]
+    lines: tuple[str, ...]
+    places: Places
+
+    @property
+    def in_order(self) -> bool:
+        """Nodes before ways before relations, as netconvert reads them."""
+        return bool((np.diff(self.kind[self.counts]) >= 0).all())
+
+    @property
+    def as_they_are(self) -> bool:
+        return self.in_order and bool(self.counts.all())
+
+    def objects(self) -> Iterator[Any]:
+        """Those that count, nodes first, then ways, then relations; else in the order of the file."""
+        if self.in_order:
+            yield from self._those(osmium.osm.NODE | osmium.osm.WAY | osmium.osm.RELATION, self.counts)
+        else:
+            for kind, entity in enumerate(_ENTITIES):
+                yield from self._those(entity, self.counts[self.kind == kind])
+
+    def _those(self, entity: Any, counts: npt.NDArray[np.bool_]) -> Iterator[Any]:
+        found = osmium.FileProcessor(self.file, entity)
+        for one, counting in zip(found, counts.tolist(), strict=True):
+            if counting:
+                yield one
+
+
+def contents_of(path: Path) -> Contents:
+    """Look an extract through. Raises InputError: no whole OSM file, a file of changes, an impossible place."""
+    kinds, ids, versions, there = array("b"), array("q"), array("q"), array("b")
+    x, y = array("i"), array("i")
+    try:
+        file = osm_file(path)
+        for one in osmium.FileProcessor(file, osmium.osm.NODE | osmium.osm.WAY | osmium.osm.RELATION):
+            kinds.append(0 if one.is_node() else 1 if one.is_way() else 2)
+            ids.append(one.id)
+            versions.append(one.version)
+            there.append(one.visible)
+            if one.is_node():
+                x.append(one.location.x)
+                y.append(one.location.y)
+        marked = _marked_deleted(path)
+    except osmium.InvalidLocationError as broken:
+        check_places(path)
+        raise InputError(f"{path}: a place is no number of degrees ({broken})") from broken
+    except (RuntimeError, ValueError, OSError, EOFError, zlib.error, etree.XMLSyntaxError) as broken:
+        nodes, ways = kinds.count(0), kinds.count(1)
+        raise not_whole(path, broken, nodes, ways) from broken
+    kind, number, version = (np.array(one, np.int64) for one in (kinds, ids, versions))
+    visible = np.array(there, np.bool_)
+    visible[marked] = False
+    # The last of each group is its newest: of one version the one that stands later in the file.
+    order = np.lexsort((np.arange(len(kind)), version, number, kind))
+    same = (np.diff(kind[order]) == 0) & (np.diff(number[order]) == 0)
+    newest = np.zeros(len(kind), np.bool_)
+    newest[order[np.append(~same, True)] if len(order) else order] = True
+    gone = np.flatnonzero(newest & ~visible)
+    lines = []
+    if len(gone):
+        named = [f"{_KINDS[kind[row]]} {number[row]}" for row in gone.tolist()]
+        lines.append(f"left out what is deleted: {some(named)}")
+    if not newest.all():
+        lines.append(
+            f"of objects that stand there more than once the newest counts: {(~newest).sum():,} left out"
+        )
+    counts = newest & visible
+    of_nodes = np.flatnonzero(kind == 0)
+    lon, lat = (np.array(one, np.int64) for one in (x, y))
+    check_numbers(path, lon, lat)
+    nowhere = of_nodes[(lon == 0) & (lat == 0) & counts[of_nodes]]
+    if len(nowhere):
+        lost = some([f"node {node}" for node in number[nowhere].tolist()])
+        lines.append(f"left out what lies at 0, 0 degrees, where no road is: {lost}")
+        counts[nowhere] = False
+    counting = counts[of_nodes]
+    places = places_of(number[of_nodes][counting], lon[counting], lat[counting])
+    return Contents(file, kind.astype(np.int8), counts, tuple(lines), places)
+
+
+def not_whole(path: Path, broken: Exception, nodes: int, ways: int) -> InputError:
+    """The line for a file that ends early or is something else."""
+    said = " ".join(str(broken).split())
+    return InputError(f"{path}: not a whole OSM file ({said}; after {nodes} nodes and {ways} ways)")
+
+
+def _marked_deleted(path: Path) -> list[int]:
+    """Numbers, in the file, of the objects that an editor marked as deleted: pyosmium does not read the mark."""
+    if ending_of(path.name).endswith("pbf") or not occurs(_MARKS, path):
+        return []
+    marked, count, depth = [], 0, 0
+    with opened_xml(path) as stream:
+        for event, element in etree.iterparse(
+            stream, events=("start", "end"), resolve_entities=False, no_network=True, huge_tree=True
+        ):
+            if event == "start":
+                if depth == 0 and element.tag == "osmChange":
+                    raise InputError(f"{path}: {CHANGES}")
+                if depth == 1 and element.tag in _KINDS:
+                    if element.get("action") == "delete":
+                        marked.append(count)
+                    count += 1
+                depth += 1
+            else:
+                depth -= 1
+                if depth == 1:
+                    element.clear()
+                    while element.getprevious() is not None:
+                        del element.getparent()[0]
+    return marked
+
+
+_GEOMETRY = re.compile(rb"""<center\s|<nd\s[^<>]*\blat\s*=""")
+# What a plain file has within its objects.
+_PARTS = ("nd", "member", "tag")
+
+
+def has_geometry(path: Path) -> bool:
+    """Does an extract repeat places in this way?"""
+    return not ending_of(path.name).endswith("pbf") and occurs(_GEOMETRY, path)
+
+
+def with_nodes(path: Path) -> bytes:
+    """Its XML as `out body` writes it, then the nodes that stand in its ways only."""
+    nodes: set[str | None] = set()
+    places: dict[str, etree._Element] = {}
+    made = BytesIO()
+    with (
+        opened_xml(path) as stream,
+        etree.xmlfile(made, encoding="UTF-8") as file,
+        file.element("osm", version="0.6"),
+    ):
+        for element in elements(stream, ("node", "way", "relation")):
+            if element.tag == "node":
+                nodes.add(element.get("id"))
+            for part in list(element):
+                if part.tag not in _PARTS:
+                    element.remove(part)
+                    continue
+                del part[:]
+                name, lat, lon = (part.get(key) for key in ("ref", "lat", "lon"))
+                if part.tag == "nd" and name and lat is not None and lon is not None:
+                    places.setdefault(name, etree.Element("node", id=name, lat=lat, lon=lon))
+            file.write(element, with_tail=False)
+        for name, node in places.items():
+            if name not in nodes:
+                file.write(node)
+    return made.getvalue()

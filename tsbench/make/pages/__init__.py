@@ -1,0 +1,1 @@
+"""Pages, tables and pictures that show the data: scenes, maps, signs."""

@@ -1,0 +1,153 @@
+"""Pairs of paths through a junction that meet, and a convoy that is there when the ego is. Units: m, m/s, s.
+
+Source: docs/scenes.md, "Priority at junctions".
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from tsbench.geometry.angles import U_TURN
+from tsbench.geometry.overlap import ConflictZone, conflict_zone
+from tsbench.geometry.polyline import Polyline, bend_speed
+from tsbench.make.placements.junction_arms import Arms
+from tsbench.make.placements.placement import (
+    ConvoySetup,
+    SceneTask,
+    passenger_lanes,
+    require,
+    start_speed,
+)
+from tsbench.roads.junction_paths import junction_path
+from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.network import Connection, RoadNetwork
+from tsbench.sim.convoy import KEEPS_BACK_S, predicted_arrival
+from tsbench.sim.junction_traffic import HOLD_BEFORE_LINE_M, HOLD_BRAKE_MPS2
+from tsbench.sim.world import EGO_WIDTH_M
+
+_ONTO_EXIT_M = 15.0
+_LENGTH_M = 4.5
+_FIRST_ENTRY_S = 1.0
+# Least and most share of what the class of a convoy's road allows.
+SHARES = "convoy_least_share", "convoy_most_share"
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """A pair of paths that meet: the ego's connection, the other's, and their zone (a = ego, b = the other)."""
+
+    ego: Connection
+    priority: Connection
+    zone: ConflictZone
+
+
+def swept_line(network: RoadNetwork, c: Connection) -> Polyline:
+    """A connection's line through the junction with the first 15 m of the exit lane: cars meet there, too."""
+    return junction_path(network, c).onto_exit(_ONTO_EXIT_M)
+
+
+def meeting(network: RoadNetwork, ego: Connection, priority: Connection) -> ConflictZone | None:
+    """Where the ego's body on its path (a) is in the other's lane (b)."""
+    width = junction_path(network, priority).width
+    return conflict_zone(swept_line(network, ego), EGO_WIDTH_M, swept_line(network, priority), width)
+
+
+def turn_speed(network: RoadNetwork, c: Connection) -> float:
+    """Speed (m/s) at which a careful driver takes a connection: 2 m/s2 sideways on its tightest stretch."""
+    line = swept_line(network, c)
+    return 8.0 if line.length < 4.0 else min(bend_speed(line, 2.0), 14.0)
+
+
+def ego_speeds(task: SceneTask, c: Connection) -> tuple[float, float]:
+    """Speeds (m/s) of an ego on its way through, and on its approach by the class of its road."""
+    lane = task.network.lanes[c.from_lane]
+    cruise = task.network.expected_speed(lane.edge)
+    return task.recipe.number("ego_turn_ratio") * turn_speed(task.network, c), cruise
+
+
+def convoy_speed(task: SceneTask, chosen: Conflict, share: float) -> float:
+    """A share of the speed (m/s) of the convoy's road, slower where its arm is too short to stop on from that."""
+    lane = task.network.lanes[chosen.priority.from_lane]
+    room = max(lane.line.length - _LENGTH_M - HOLD_BEFORE_LINE_M, 1.0)
+    return min(share * task.network.expected_speed(lane.edge), math.sqrt(2.0 * HOLD_BRAKE_MPS2 * room))
+
+
+def line_lead(task: SceneTask, chosen: Conflict, speed: float) -> float:
+    """So much later (s) than the ego a car of this speed has to reach the zone, at least, not to be at its line before.
+
+    At its line it shows whether it gives way: an ego that watches it must be at its own by then, and is in the zone so
+    much earlier that the convoy need not slow down for it.
+    """
+    turn, _ = ego_speeds(task, chosen.ego)
+    shown = task.recipe.number("convoy_shows_s") - chosen.zone.a_in / turn
+    return chosen.zone.b_in / speed + max(shown, KEEPS_BACK_S)
+
+
+def conflicts(
+    network: RoadNetwork, graph: LaneGraph, arms: Arms, *, slowest_turn: float, most_to_zone: float
+) -> list[Conflict]:
+    """Pairs of an ego path that SUMO makes wait and one with priority that it does not, whose strips overlap.
+
+    slowest_turn: the ego's path can be driven at this speed (m/s) at least. most_to_zone: the overlap begins at most so
+    far (m) behind the other's line.
+    """
+    own = _links(network, graph, arms.ego_in)
+    egos = [c for c in own if c.state in "ms" and turn_speed(network, c) >= slowest_turn]
+    with_priority = [c for e in arms.prior_in for c in _links(network, graph, e) if c.state == "M"]
+    # One pair per pair of edges: lanes of the same roads are no different scene.
+    unique: dict[tuple[str, str, str], Conflict] = {}
+    for ego in egos:
+        for priority in with_priority:
+            zone = meeting(network, ego, priority)
+            if zone is None or zone.b_in > most_to_zone:
+                continue
+            lanes = network.lanes
+            key = (lanes[ego.to_lane].edge, lanes[priority.from_lane].edge, lanes[priority.to_lane].edge)
+            if key not in unique or zone.a_in > unique[key].zone.a_in:
+                unique[key] = Conflict(ego, priority, zone)
+    return [unique[k] for k in sorted(unique)]
+
+
+def _links(network: RoadNetwork, graph: LaneGraph, edge: str) -> list[Connection]:
+    """The connections of an edge that cars may take, but for turning round."""
+    return [
+        c
+        for lane in passenger_lanes(network, edge)
+        for c in network.outgoing[lane.index]
+        if network.lanes[c.to_lane].permits("passenger")
+        and graph.turn(edge, network.lanes[c.to_lane].edge) != U_TURN
+    ]
+
+
+def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
+    """One to two cars that enter at the start of their arm, at their cruise speed, when the ego is near enough.
+
+    Raises UnfitMapError.
+    """
+    network, recipe, rng = task.network, task.recipe, task.rng
+    priority_lane, ego_lane = network.lanes[chosen.priority.from_lane], network.lanes[chosen.ego.from_lane]
+    arm_m = priority_lane.line.length
+    require(arm_m - _LENGTH_M >= recipe.number("convoy_least_m"), f"the convoy's arm is {arm_m:.0f} m long")
+    turn, cruise = ego_speeds(task, chosen.ego)
+    to_line = recipe.number("ego_before_line_m")
+    v0 = start_speed(task, ego_lane)
+    eta = predicted_arrival(to_line, to_line + chosen.zone.a_in, v0, cruise, turn)
+    speed = convoy_speed(task, chosen, float(rng.uniform(recipe.number(SHARES[0]), recipe.number(SHARES[1]))))
+    least, most = recipe.number("convoy_least_after_s"), recipe.number("convoy_most_after_s")
+    after = max(float(rng.uniform(least, most)), line_lead(task, chosen, speed))
+    body = replace(
+        task.drivers[0], speed=speed, accel=recipe.number("convoy_accel_mps2"),
+        decel=recipe.number("convoy_decel_mps2"), headway=1.2, gap=2.0, length=_LENGTH_M, width=1.85,
+    )  # fmt: skip
+    count = int(rng.integers(1, int(recipe.number("convoy_most")) + 1))
+    way = arm_m + chosen.zone.b_in - body.length
+    first = max(round(eta + after - way / speed, 1), _FIRST_ENTRY_S)
+    step = body.headway + (body.length + body.gap) / speed
+    return ConvoySetup(
+        drivers=(body,) * count, places=(body.length,) * count, lane=priority_lane.id,
+        edges=(priority_lane.edge, network.lanes[chosen.priority.to_lane].edge),
+        zone_m=arm_m + chosen.zone.b_in, line_lane=ego_lane.id, ego_zone_m=chosen.zone.a_in,
+        ego_cruise_mps=cruise, ego_turn_mps=turn, after_s=after, keeps_back=True, abrupt=True,
+        departs=tuple(round(first + k * step, 1) for k in range(count)),
+    )  # fmt: skip

@@ -1,0 +1,211 @@
+"""Speed scenes: a plate that binds the speed, on a straight corridor. Source: docs/scenes.md, "Speed zones"."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tsbench.geometry.polyline import bend_speed, join
+from tsbench.make.maps.paths import types_file
+from tsbench.make.maps.plain import PlainNet, split_edge
+from tsbench.make.maps.plain_xml import class_speeds
+from tsbench.make.placements.placement import (
+    Arrangement,
+    ScenePlacement,
+    SceneTask,
+    passenger_lanes,
+    plate_beside,
+    require,
+)
+from tsbench.make.scenes.drivers import Driver
+from tsbench.make.scenes.recipe import Recipe
+from tsbench.roads.lane_graph import Destination
+from tsbench.roads.network import RoadNetwork
+from tsbench.scenarios.map_pool import PoolRow
+from tsbench.signs.annotations import DISTRACTOR, SignInstance
+from tsbench.signs.catalog import Catalog
+from tsbench.signs.contrast import ContrastClause, SlowZoneParams
+from tsbench.signs.places import load_places
+from tsbench.signs.plate_params import ZoneParams
+from tsbench.sim.scene import EgoStart
+from tsbench.sim.world import EGO_LENGTH_M
+
+KMH = 1.0 / 3.6
+# From a plate of the other direction to the ends of its edge.
+_ROOM_M = 2.0
+
+
+def _needed_kmh(catalog: Catalog, limit: float) -> float:
+    """The speed that traffic and bends have to allow, km/h: who keeps to `limit` is needlessly slow there."""
+    tolerated = limit + catalog.rule("speed").thresholds["tolerance_kmh"]
+    return tolerated / catalog.needless.thresholds["slow_speed_ratio"]
+
+
+def _no_faster(drivers: Sequence[Driver], most_kmh: float) -> tuple[Driver, ...]:
+    """Drivers who keep to a limit, the same in both halves."""
+    return tuple(replace(d, speed=min(d.speed, most_kmh * KMH)) for d in drivers)
+
+
+def can_post(recipe: Recipe, row: PoolRow, code: str, value: float) -> bool:
+    """Can a plate set this value on a road of the map's class?"""
+    table = load_places()
+    allowed = table.allowed_speeds(road_class=row.road_class, code=code)
+    value = recipe.catalog.sign(code).effective_value(value) or value
+    return "road_speed" not in table.signs.get(code, ()) or allowed is None or value in allowed
+
+
+def _bend_kmh(catalog: Catalog, network: RoadNetwork, zone: Sequence[str]) -> float:
+    """The speed that the bends of a zone allow where it is judged how fast the ego is."""
+    t = catalog.needless.thresholds
+    line = join([network.edge_lanes(e)[0].line for e in zone])
+    judged = line.slice(0.0, min(t["slow_zone_m"], line.length))
+    return bend_speed(judged, t["lateral_mps2"]) / KMH
+
+
+class SpeedZonePlacement(ScenePlacement):
+    """`speed_limit`: a limit ahead of a driver who is too fast for it.
+
+    The plate stands where the zone's first edge starts, the end plate where the edge behind the zone does. In the
+    contrast half a higher value is posted. All values are those of the road's class. No other vehicle drives in the
+    ego's direction; oncoming vehicles keep to the lower limit in both halves, because the other half's plates face
+    them. Other traffic thus breaks no plate and does not reveal what is posted.
+    """
+
+    # Numbers of the recipe that add up to the room behind the zone.
+    behind_zone: Sequence[str] = ("end_plate_before_destination_m", "end_before_edge_m")
+    # Does the ego's way end in the zone, or behind it?
+    ends_in_zone = False
+
+    def __init__(self, recipe: Recipe) -> None:
+        self.code = recipe.type.codes[0]
+        self.end_code = recipe.type.end_codes[0]
+        self.other_codes = recipe.choices.get("contrast_plates", [self.code, self.end_code])
+
+    def _cuts(self, row: PoolRow, recipe: Recipe) -> list[float]:
+        """Arc lengths on the corridor: plate, borders of edges within the zone, end plate."""
+        length = row.length_m
+        end = length - sum(map(recipe.number, self.behind_zone))
+        plate = min(end - recipe.number("zone_m"), recipe.number("plate_at_most_m"))
+        require(plate >= recipe.number("plate_at_least_m"), f"the corridor is {length:.0f} m long")
+        return [float(s) for s in np.linspace(plate, end, int(recipe.number("zone_edges")) + 1)]
+
+    def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
+        """The zone on edges of its own, on a road whose traffic drives as its class lets a driver expect."""
+        require(not row.oneway, "no other direction, where the other half's plates face")
+        expected = class_speeds(types_file()).get(f"highway.{row.road_class}", math.nan)
+        require(
+            abs(row.speed_mps - expected) < KMH, f"{row.speed_mps / KMH:.0f} km/h is no limit of its class"
+        )
+        return split_edge(plain, row.fields["edge"], self._cuts(row, recipe))[0]
+
+    def place(self, task: SceneTask) -> Arrangement:
+        """The ego so far before the plate that 3.5 m/s2 after half a second suffices."""
+        row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
+        edges = [f"{row.fields['edge']}.{k}" for k in range(int(recipe.number("zone_edges")) + 2)]
+        first, zone, last = edges[0], edges[1:-1], edges[-1]
+        bend, road = _bend_kmh(recipe.catalog, network, zone), row.speed_mps / KMH
+        most = road - recipe.number("below_road_kmh") + 0.5
+        limits = [
+            v
+            for v in recipe.choices["limits_kmh"]
+            if v <= most and can_post(recipe, row, self.code, v) and self._others(row, recipe, v)
+        ]
+        require(bool(limits), f"no pair of limits for a {row.road_class} road of {road:.0f} km/h")
+        require(_needed_kmh(recipe.catalog, max(limits)) <= bend, f"the zone has a bend for {bend:.0f} km/h")
+        limit = float(limits[variant.value % len(limits)])
+        v = limit * KMH
+        lanes = passenger_lanes(network, first)
+        lane = lanes[variant.layout % len(lanes)]
+        excess = max(recipe.number("least_excess_mps"), variant.initial_speed)
+        v0 = min(v + excess, v + recipe.number("most_excess_kmh") * KMH, row.speed_mps)
+        need = (v0 * v0 - v * v) / (2 * recipe.number("brake_mps2")) + 0.5 * v0 + 3.0
+        room = lane.line.length - need - EGO_LENGTH_M - recipe.number("start_behind_m")
+        require(room >= 0.0, f"no room to brake from {v0:.1f} m/s before the plate")
+        jitter = float(task.rng.uniform(0.0, min(recipe.number("jitter_m"), room)))
+        start = EgoStart(lane.id, lane.line.length - need - jitter - EGO_LENGTH_M / 2, v0)
+        way = tuple(zone) if self.ends_in_zone else (*zone, last)
+        least = recipe.number("destination_behind_m")
+        room = network.edge_lanes(way[-1])[0].line.length - 3.0
+        require(room > least, "no room for the destination")
+        end_s = variant.route_end(least, room)
+        driven = sum(network.edges[e].length for e in way[:-1]) + end_s
+        return Arrangement(
+            signs=self._signs(task, zone, last, limit), target="sign_0", start=start,
+            destination=Destination(way[-1], end_s), route_hint=(first, *way), route_length=driven,
+            drivers=_no_faster(task.drivers, limit), closed_edges=frozenset(edges),
+        )  # fmt: skip
+
+    def _signs(
+        self, task: SceneTask, zone: Sequence[str], last: str, limit: float
+    ) -> tuple[SignInstance, ...]:
+        """The plate and its end; what faces the other direction comes with the other half's plates."""
+        return (
+            plate_beside(task.network, self.code, zone[0], 0.0, ZoneParams((*zone, last)), value=limit),
+            plate_beside(
+                task.network, self.end_code, last, 0.0, number=1, role="end", value=limit, ends="sign_0"
+            ),
+        )
+
+    def _others(self, row: PoolRow, recipe: Recipe, limit: float) -> list[float]:
+        """Values of the contrast half for a limit, km/h."""
+        least = recipe.number("contrast_ratio") * limit - 0.5
+        code = self.other_codes[0]
+        return [v for v in recipe.choices["contrast_kmh"] if v >= least and can_post(recipe, row, code, v)]
+
+    def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
+        """A value of at least 1.6 times as much."""
+        first = signed.signs[0]
+        limit, value = first.posted, self._other(task, first.posted)
+        zone = first.params_as(ZoneParams).zone_edges[:-1]
+        length = sum(task.network.edge_lanes(e)[0].line.length for e in zone)
+        slow = SlowZoneParams(zone, 0.0, length, min(value, task.row.speed_mps / KMH))
+        begin, end = self.other_codes
+        other = {(self.code, limit): (begin, value), (self.end_code, limit): (end, value)}
+        swap = other | {theirs: ours for ours, theirs in other.items()}
+        hung = ((sign, *swap[sign.code, sign.posted]) for sign in signed.signs)
+        signs = tuple(replace(sign, code=code, value=value) for sign, code, value in hung)
+        return replace(signed, signs=signs, contrast=(ContrastClause("needless_slow", slow),))
+
+    def _other(self, task: SceneTask, limit: float) -> float:
+        """The value of the contrast half, km/h."""
+        values = self._others(task.row, task.recipe, limit)
+        return float(values[task.variant.plate % len(values)])
+
+
+class ZonePlacement(SpeedZonePlacement):
+    """`zone_speed_limit`, `residential_zone`: another zone ends behind the ego's start, its own begins ahead.
+
+    Both go on beyond the map. At each border hang two plates, the begin for the traffic that enters and the end for the
+    traffic that leaves. In the contrast half the two zones are exchanged.
+    """
+
+    behind_zone = ("end_before_edge_m",)
+    ends_in_zone = True
+
+    def _signs(
+        self, task: SceneTask, zone: Sequence[str], last: str, limit: float
+    ) -> tuple[SignInstance, ...]:
+        """The target, and beside it its end; then the end of the other zone, and beside it its begin."""
+        first, network = task.row.fields["edge"] + ".0", task.network
+        theirs = self._other(task, limit)
+        begin, end = self.other_codes
+        border = task.recipe.number("other_border_m")
+        back, away = self._across(task, zone[0], 0.0), self._across(task, first, border)
+        return (
+            plate_beside(network, self.code, zone[0], 0.0, ZoneParams((*zone, last)), value=limit),
+            plate_beside(network, self.end_code, *back, number=1, role=DISTRACTOR, value=limit),
+            plate_beside(network, end, first, border, number=2, role=DISTRACTOR, value=theirs),
+            plate_beside(network, begin, *away, number=3, role=DISTRACTOR, value=theirs),
+        )
+
+    @staticmethod
+    def _across(task: SceneTask, edge: str, s: float) -> tuple[str, float]:
+        """The edge of the other direction, and where along it a place of an edge is."""
+        facing = task.row.fields["opposite"]
+        line = task.network.edge_lanes(facing)[0].line
+        there = line.project(*task.network.edge_lanes(edge)[0].line.point_at(s))[0]
+        require(_ROOM_M <= there <= line.length - _ROOM_M, "the other direction ends before the zones")
+        return facing, there

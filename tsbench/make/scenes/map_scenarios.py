@@ -1,0 +1,279 @@
+"""One map made ready for one type: its networks, and the scene files and rows of its ten variants, in both halves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+from tsbench.core.benchmark import VARIANTS_OF
+from tsbench.core.errors import SimulationError
+from tsbench.core.xmlfile import read_plain, sha256
+from tsbench.make.maps.build import build_net
+from tsbench.make.maps.crop import plain_crop
+from tsbench.make.maps.plain import PlainNet
+from tsbench.make.maps.source import SourceNetwork
+from tsbench.make.placements.by_name import placement_of
+from tsbench.make.placements.counterparts import with_same_plates
+from tsbench.make.placements.distractors import distractors
+from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError, UnluckyDrawError
+from tsbench.make.scenes.drivers import draw_drivers
+from tsbench.make.scenes.plate_places import refused
+from tsbench.make.scenes.recipe import Recipe
+from tsbench.make.scenes.scene_files import OtherTraffic, SceneFileWriter
+from tsbench.make.scenes.traffic import lane_km
+from tsbench.make.scenes.variants import Variant, variants_of
+from tsbench.make.seeds import rng_of
+from tsbench.roads.lane_graph import LaneGraph
+from tsbench.roads.localization import LaneLocator
+from tsbench.roads.network import read_network
+from tsbench.scenarios.certificates import Certificate
+from tsbench.scenarios.map_pool import PoolRow
+from tsbench.scenarios.scene_loader import Roads
+from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
+from tsbench.signs.annotations import SignInstance
+from tsbench.sim.scene import SceneFile
+from tsbench.sim.sumo import Simulation
+from tsbench.sim.world import DT_S
+
+NET_NAMES = {SIGNED: "net.net.xml.gz", CONTRAST: "contrast.net.xml.gz"}
+_ENDS = {SIGNED: "", CONTRAST: "c"}
+
+# How often a variant is drawn until an expert solves it, it tempts and the violating baseline breaks its rule; and the
+# share of a map's variants that may not tempt.
+ATTEMPTS = 4
+UNTEMPTING_MOST = 0.1
+LESS_TRAFFIC = (1.0, 0.85, 0.7, 0.5)
+
+
+class Prover(Protocol):
+    """What drives rows to prove them (certify.certifier). expert: the one that is tried first."""
+
+    expert: str
+
+    def prove(
+        self, spec: ScenarioSpec, blind_baseline: str, attempt: int, asked: float, realised: float
+    ) -> Certificate:
+        """The certificate of a row. asked, realised: cars per lane-km."""
+
+    def prove_pair(self, signed: Certificate, contrast: Certificate) -> tuple[Certificate, Certificate]:
+        """Both with what is known of the pair; their rows were the last that `prove` drove."""
+
+    def breaks(self, planner: str, spec: ScenarioSpec) -> bool:
+        """Does `planner` (as `tsbench run` names it) break the rule of the row's sign?"""
+
+
+@dataclass(frozen=True)
+class MapScenarios:
+    """What building one map for one type gave: rows with certificates, or the reason why it is unfit.
+
+    certificates: one per row, () without a prover. rejected: why draws of variants were not kept.
+    """
+
+    map_id: str
+    rows: tuple[ScenarioSpec, ...]
+    certificates: tuple[Certificate, ...]
+    reason: str
+    rejected: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class _Drawn:
+    """One draw of a variant: its row, or its pair's two. asked, density: cars per lane-km, wanted and realised."""
+
+    rows: tuple[ScenarioSpec, ...]
+    asked: float
+    density: float
+
+
+class SiteBuilder:
+    """Builds sites of one type below `root` (`scenarios/build/`); `sim` is the process's one simulation.
+
+    prover: without one every first draw is kept.
+    """
+
+    def __init__(self, recipe: Recipe, root: Path, sim: Simulation, prover: Prover | None = None) -> None:
+        self.recipe, self.root = recipe, root
+        self.placement = placement_of(recipe)
+        self.sim, self.prover = sim, prover
+        self._rejected: list[str] = []
+        self._type_of = {code: kind for kind in recipe.catalog.types for code in kind.codes}
+
+    def build(self, row: PoolRow, source: SourceNetwork, split: str) -> MapScenarios:
+        """All variants of a map, or the reason that it can't carry the type."""
+        folder = self.root / "scenes" / self.recipe.type.id / row.map_id
+        self._rejected = []
+        try:
+            crop = plain_crop(row, source)
+            plain = self.placement.prepare(row, crop, self.recipe)
+            roads = {SIGNED: _roads(plain, folder / NET_NAMES[SIGNED])}
+            if self.recipe.paired:
+                other = self.placement.prepare_contrast(row, crop, self.recipe)
+                same = other == plain
+                roads[CONTRAST] = roads[SIGNED] if same else _roads(other, folder / NET_NAMES[CONTRAST])
+            built = self._variants(row, roads, folder, split)
+        except (UnfitMapError, SimulationError) as error:
+            return MapScenarios(row.map_id, (), (), " ".join(str(error).split()), tuple(self._rejected))
+        rows = tuple(spec for drawn, _ in built for spec in drawn.rows)
+        certificates = tuple(c for _, found in built for c in found)
+        return MapScenarios(row.map_id, rows, certificates, "", tuple(self._rejected))
+
+    def _variants(
+        self, row: PoolRow, roads: dict[str, Roads], folder: Path, split: str
+    ) -> list[tuple[_Drawn, tuple[Certificate, ...]]]:
+        """All that the split has; gives up as soon as too few of them can be what the type promises."""
+        built: list[tuple[_Drawn, tuple[Certificate, ...]]] = []
+        untempting = 0
+        variants = variants_of(self.recipe.type.id, row.map_id)[: VARIANTS_OF[split]]
+        for variant in variants:
+            built.append(self._proven(row, roads, folder, variant, split))
+            untempting += any(not c.tempting for c in built[-1][1][:1])
+            if untempting > UNTEMPTING_MOST * len(variants):
+                raise UnfitMapError(f"{untempting} variants do not tempt {self.recipe.blind_baseline}")
+        return built
+
+    def _proven(
+        self, row: PoolRow, roads: dict[str, Roads], folder: Path, variant: Variant, split: str
+    ) -> tuple[_Drawn, tuple[Certificate, ...]]:
+        """The first draw that tempts, shows a violation and that the first expert solves; else the first that some
+        expert solves, if possible one that tempts.
+        """
+        spare: tuple[Certificate, ...] = ()
+        reason = "no draw"
+        for attempt in range(ATTEMPTS):
+            try:
+                drawn = self._draw(row, roads, folder, variant, split, attempt)
+            except UnluckyDrawError as error:
+                reason = str(error)
+                self._rejected.append(reason)
+                continue
+            if self.prover is None:
+                return drawn, ()
+            found = self._prove(self.prover, drawn, attempt)
+            reason = next(filter(None, map(_why_not, drawn.rows, found)), "")
+            if reason:
+                self._rejected.append(reason)
+                continue
+            violator = self.recipe.violating_baseline
+            plain = all(c.expert == self.prover.expert for c in found)
+            if plain and found[0].tempting and (not violator or self.prover.breaks(violator, drawn.rows[0])):
+                return drawn, found
+            if not spare or (found[0].tempting and not spare[0].tempting):
+                spare = found
+        if not spare:
+            raise UnfitMapError(f"variant {variant.number}, {ATTEMPTS} draws, at last: {reason}")
+        return self._draw(row, roads, folder, variant, split, spare[0].attempt), spare
+
+    def _prove(self, prover: Prover, drawn: _Drawn, attempt: int) -> tuple[Certificate, ...]:
+        """One certificate a row; a contrast half is looked at only where the signed one is what it should be."""
+        found: list[Certificate] = []
+        for spec in drawn.rows:
+            found.append(prover.prove(spec, self.recipe.blind_baseline, attempt, drawn.asked, drawn.density))
+            if _why_not(spec, found[-1]):
+                return tuple(found)
+        return prover.prove_pair(found[0], found[1]) if len(found) > 1 else tuple(found)
+
+    def _draw(
+        self, row: PoolRow, roads: dict[str, Roads], folder: Path, variant: Variant, split: str, attempt: int
+    ) -> _Drawn:
+        recipe, kind = self.recipe, self.recipe.type
+        pair = f"{kind.id}-{row.map_id}-v{variant.number}"
+        draw = f"{pair}~{attempt}"
+        drivers = draw_drivers(rng_of("drivers", kind.id, row.map_id, max(variant.drivers, 0)))
+
+        def task(half: str) -> SceneTask:
+            there = roads[half]
+            rng = rng_of("arrange", draw)
+            return SceneTask(row, there.network, there.graph, recipe, variant, drivers, rng)
+
+        def files(half: str, a: Arrangement) -> SceneFileWriter:
+            path = folder / f"v{variant.number}{_ENDS[half]}.add.xml.gz"
+            a = replace(a, drivers=a.drivers or drivers)
+            return SceneFileWriter(self.sim, roads[half], path, a, draw, recipe.catalog)
+
+        def written(half: str, a: Arrangement, others: OtherTraffic) -> ScenarioSpec:
+            writer = files(half, a)
+            writer.write(others)
+            return self._row(row, variant, split, writer)
+
+        there = task(SIGNED)
+        halves = {SIGNED: self.placement.place(there)}
+        if recipe.paired:
+            contrast = self.placement.contrast(task(CONTRAST), halves[SIGNED])
+            if contrast is None:
+                raise UnfitMapError("there is no contrast half")
+            halves[CONTRAST] = contrast
+            alone = [files(half, a).placed_plates(None) for half, a in halves.items()]
+            both = with_same_plates(there, halves[SIGNED], contrast, alone)
+            halves = dict(zip(halves, both, strict=True))
+        if not lane_km(there.network, halves[SIGNED].closed_edges):
+            variant = replace(variant, density=0.0)
+        variant, others = self._traffic(variant, files(SIGNED, halves[SIGNED]))
+        asked = variant.cars_per_lane_km
+        # Plates that need not be there are drawn last: no vehicle of either half may break one.
+        placed = [files(half, a).placed_plates(others) for half, a in halves.items()]
+        for scene in placed:
+            for plate in scene.plates:
+                for _, why in refused(scene, plate):
+                    raise UnluckyDrawError(f"plate {plate.code} {why}")
+        more = distractors(there, halves[SIGNED], placed)
+        spec = written(SIGNED, _with_plates(halves[SIGNED], more), others)
+        if CONTRAST not in halves:
+            return _Drawn((spec,), asked, others.density)
+        spec = replace(spec, pair_id=spec.scenario_id)
+        other = written(CONTRAST, _with_plates(halves[CONTRAST], more), others)
+        other = replace(other, scenario_id=f"{pair}-c", pair_id=pair, half=CONTRAST)
+        return _Drawn((spec, other), asked, others.density)
+
+    def _traffic(self, variant: Variant, writer: SceneFileWriter) -> tuple[Variant, OtherTraffic]:
+        """The traffic of a scene, and its variant with the density that was asked in the end.
+
+        Not every crop carries many cars: such a one gets fewer, down to half.
+        """
+        refused = ""
+        for share in LESS_TRAFFIC:
+            fewer = replace(variant, density=round(variant.density * share, 2))
+            try:
+                return fewer, writer.measure(fewer.cars_per_lane_km, self.recipe.horizon * DT_S)
+            except UnluckyDrawError as error:
+                refused = refused or str(error)
+        raise UnluckyDrawError(refused)
+
+    def _row(self, row: PoolRow, variant: Variant, split: str, files: SceneFileWriter) -> ScenarioSpec:
+        a, net = files.a, files.roads.file
+        target = next(s for s in a.signs if s.id == a.target)
+        kind = self._type_of[target.code]
+        return ScenarioSpec(
+            scenario_id=f"{self.recipe.type.id}-{row.map_id}-v{variant.number}", scenario_type=kind.id,
+            group=kind.group, sign_code=target.code, sign_value=target.value, map_id=row.map_id, family=row.family,
+            shape=row.shape, slot=row.slot, variant=variant.number, split=split, seed=files.seed,
+            initial_speed=a.start.speed, route_length=a.route_length, density=variant.density,
+            drivers=variant.drivers, layout=variant.layout, horizon=self.recipe.horizon,
+            net=net.path.relative_to(self.root).as_posix(),
+            additional=files.path.relative_to(self.root).as_posix(), net_sha256=sha256(net.content),
+            additional_sha256=files.sha256,
+        )  # fmt: skip
+
+
+def _with_plates(a: Arrangement, more: tuple[SignInstance, ...]) -> Arrangement:
+    return replace(a, signs=(*a.signs, *more))
+
+
+def _roads(plain: PlainNet, path: Path) -> Roads:
+    build_net(plain, path)
+    file = SceneFile(path, read_plain(path, "network"))
+    network = read_network(path, file.content)
+    return Roads(network, LaneGraph(network), LaneLocator(network), file)
+
+
+def _why_not(spec: ScenarioSpec, certificate: Certificate) -> str:
+    """Why a proven row is not kept, "" where it is."""
+    if certificate.solvable and certificate.sane:
+        return certificate.unpaired_because(spec)
+    if certificate.error:
+        return certificate.error
+    if not certificate.solvable:
+        return "no expert solves it"
+    if certificate.overlaps:
+        return "vehicles run into each other"
+    return f"traffic of {certificate.asked_density:.1f} cars per lane-km is not there"

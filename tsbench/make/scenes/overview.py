@@ -1,0 +1,112 @@
+"""Figures about the scenario tables: what there is, where, and how evenly."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from tsbench.core.errors import InputError
+from tsbench.core.textfile import read_json
+from tsbench.make.scenes.build import stratum_of
+from tsbench.make.scenes.split import places_of
+from tsbench.scenarios.certificates import certificates_of
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.map_pool import read_pool
+from tsbench.scenarios.spec import SIGNED, ScenarioSpec
+
+_SHARES = ("solvable", "tempting", "engaged", "sane")
+
+
+@dataclass(frozen=True)
+class TypeStats:
+    """Rows, pairs, maps and places of a type in one split; maps by stratum; share of maps from tagged extracts.
+
+    The rest are shares of signed rows after their certificates, reproduced of all rows; gap_s the median of |arrival
+    gap| (NaN without one), seen the share of pairs whose halves look different before the ego's line.
+    """
+
+    type_id: str
+    split: str
+    rows: int
+    pairs: int
+    maps: int
+    places: int
+    strata: dict[str, int]
+    tagged_share: float
+    solvable: float
+    tempting: float
+    engaged: float
+    sane: float
+    reproduced: float
+    gap_s: float
+    seen: float
+
+
+def report_file(root: Path | None = None) -> Path:
+    return (
+        DataSet.in_use().file("scenarios/build_report.json") if root is None else root / "build_report.json"
+    )
+
+
+def build_report(root: Path | None = None) -> list[dict[str, Any]]:
+    """What the last build of each type and split wrote down (build.TypeReport). Raises InputError."""
+    path = report_file(root)
+    if not path.exists():
+        raise InputError(f"{path}: no build report (tsbench scenarios build makes it)")
+    report: list[dict[str, Any]] = read_json(path, "build report")
+    wanted = {"type_id": str, "split": str}
+    for entry in report if isinstance(report, list) else [None]:
+        if not isinstance(entry, dict) or any(not isinstance(entry.get(k), v) for k, v in wanted.items()):
+            raise InputError(f"{path}: not a build report (expected a list of reports on types)")
+    return report
+
+
+def type_stats(specs: Sequence[ScenarioSpec]) -> list[TypeStats]:
+    """One entry per type and split, in alphabetical order. A row without a certificate proves nothing."""
+    data = DataSet.in_use()
+    pool = {r.map_id: r for r in read_pool(data.pool_path)}
+    known = {c.scenario_id: c for c in certificates_of(data)}
+    groups: dict[tuple[str, str], list[ScenarioSpec]] = defaultdict(list)
+    for spec in specs:
+        groups[(spec.pair_type, spec.split)].append(spec)
+    place = {
+        split: places_of([pool[m] for m in {s.map_id for s in specs if s.split == split}])
+        for split in {s.split for s in specs}
+    }
+    result = []
+    for (type_id, split), rows in sorted(groups.items()):
+        maps = [pool[m] for m in sorted({r.map_id for r in rows})]
+        signed = [r for r in rows if r.half == SIGNED]
+        proofs = [known[r.scenario_id] for r in signed if r.scenario_id in known]
+        gaps = [abs(c.arrival_gap_s) for c in proofs if not math.isnan(c.arrival_gap_s)]
+        n, pairs = len(signed), sum(bool(r.pair_id) for r in signed)
+        result.append(
+            TypeStats(
+                type_id=type_id,
+                split=split,
+                rows=len(rows),
+                pairs=pairs,
+                maps=len(maps),
+                places=len({place[split][m.map_id] for m in maps}),
+                strata=dict(sorted(Counter(stratum_of(m) for m in maps).items())),
+                tagged_share=sum(m.well_tagged for m in maps) / len(maps),
+                **{name: sum(getattr(c, name) for c in proofs) / n if n else math.nan for name in _SHARES},
+                reproduced=sum(
+                    r.scenario_id in known and known[r.scenario_id].reproduced is True for r in rows
+                )
+                / len(rows),
+                gap_s=median(gaps) if gaps else math.nan,
+                seen=sum(c.differs_s is not None for c in proofs) / pairs if pairs else math.nan,
+            )
+        )
+    return result
+
+
+def shown_reason(reason: str) -> str:
+    """A reason as it is counted, for readers: "…" stands for numbers and names, which differ from map to map."""
+    return " ".join("…" if word == "#" else word for word in reason.split(" "))

@@ -1,0 +1,168 @@
+"""Plates at their places: roads, other plates, obstacles and vehicles around them. Units: m."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from lxml import etree
+
+from tsbench.geometry.angles import LEFT, RIGHT
+from tsbench.make.scenes.plate_roads import PlateRoads, WayOn
+from tsbench.roads.network import RoadNetwork
+from tsbench.signs.annotations import TARGET, SignInstance
+from tsbench.signs.catalog import Catalog, Sign
+from tsbench.signs.places import PlaceTable, load_places
+from tsbench.sim.scene import Obstacle, Scene
+from tsbench.sim.scene_file import EGO_ID, read_additional
+
+
+@dataclass(frozen=True, slots=True)
+class RoutedVehicle:
+    """A vehicle and its way. first_s: its front along the first edge at the start. speed: its driver's most."""
+
+    id: str
+    vclass: str
+    edges: tuple[str, ...]
+    first_s: float
+    speed: float
+
+    def passes(self, *, edge: str, s: float) -> bool:
+        """Does it come to a place along an edge from before it?"""
+        return edge in self.edges and (edge != self.edges[0] or edge in self.edges[1:] or self.first_s < s)
+
+
+def scene_vehicles(scene: Scene) -> tuple[RoutedVehicle, ...]:
+    """All vehicles of a scene, in the order of the file, the ego on its lawful way."""
+    root = read_additional(scene.additional.path, scene.additional.content)
+    return routed_vehicles(root=root, network=scene.network, lawful=scene.compliant_hint or scene.route_hint)
+
+
+def routed_vehicles(
+    *, root: etree._Element, network: RoadNetwork, lawful: tuple[str, ...]
+) -> tuple[RoutedVehicle, ...]:
+    """The vehicles of an additional file, stand-ins of obstacles left out. lawful: the ego's way."""
+    types = {str(t.get("id")): t for t in root.iterfind("vType")}
+    still = {p.get("id") for p in root.iterfind("poly") if p.get("type") == "obstacle"}
+    found = []
+    for element in root.iterfind("vehicle"):
+        name, route = str(element.get("id")), element.find("route")
+        if name in still or route is None:
+            continue
+        edges = lawful if name == EGO_ID else tuple(str(route.get("edges")).split())
+        kind = types[str(element.get("type"))]
+        lane = network.edge_lanes(edges[0])[0]
+        place = element.get("departPos", "base")
+        first = 0.0 if place == "base" else float(place) * lane.line.length / lane.length
+        vclass, speed = kind.get("vClass", "passenger"), float(kind.get("maxSpeed", "inf"))
+        found.append(RoutedVehicle(id=name, vclass=vclass, edges=edges, first_s=first, speed=speed))
+    return tuple(found)
+
+
+CLOSED = "3.2"
+CLOSING = ("3.1", CLOSED)
+ONE_WAY = ("5.7.1", "5.7.2")
+
+
+@dataclass(frozen=True)
+class PlacedPlates:
+    """All that decides where plates can stand: roads, plates, obstacles and vehicles of one scene."""
+
+    catalog: Catalog
+    roads: PlateRoads
+    plates: tuple[SignInstance, ...]
+    obstacles: tuple[Obstacle, ...]
+    vehicles: tuple[RoutedVehicle, ...]
+
+    @cached_property
+    def table(self) -> PlaceTable:
+        return load_places(self.catalog.root)
+
+    @cached_property
+    def at_line(self) -> Mapping[str, tuple[PlateHere, ...]]:
+        """By edge that ends at a junction: the plates on the road that it ends."""
+        found: dict[str, tuple[PlateHere, ...]] = {}
+        for here in (PlateHere(self, plate) for plate in self.plates):
+            if here.ahead.junction:
+                found[here.ahead.edges[-1]] = (*found.get(here.ahead.edges[-1], ()), here)
+        return found
+
+    @cached_property
+    def against(self) -> Mapping[str, str]:
+        """Edges against the direction of the road across a target of one-way traffic, with the target's code.
+
+        That road has lanes both ways in both halves: its plates alone say its direction.
+        """
+        found: dict[str, str] = {}
+        roads, plates = self.roads, (here for plates in self.at_line.values() for here in plates)
+        for here in plates:
+            if here.plate.role == TARGET and here.plate.code in ONE_WAY:
+                for edge in here.across[1]:
+                    ahead = roads.approach(edge=edge, s=roads.length(edge))
+                    road = (*ahead.edges, *roads.back(edge=edge, s=0.0).edges)
+                    found.update(dict.fromkeys(road, here.plate.code))
+        return found
+
+
+@dataclass(frozen=True)
+class PlateHere:
+    """One plate at its place."""
+
+    scene: PlacedPlates
+    plate: SignInstance
+
+    @cached_property
+    def sign(self) -> Sign:
+        return self.scene.catalog.sign(self.plate.code)
+
+    @cached_property
+    def ahead(self) -> WayOn:
+        """The way on to the next junction."""
+        return self.scene.roads.approach(edge=self.plate.edge, s=self.plate.position_m)
+
+    @cached_property
+    def across(self) -> tuple[frozenset[str], frozenset[str]]:
+        """Of a plate of one-way traffic: edges of the crossing road in its direction behind it, and against it."""
+        allowed = self.sign.rule.options["allowed"]
+        side, other = (RIGHT, LEFT) if RIGHT in allowed else (LEFT, RIGHT)
+        across = self.scene.roads.across(self.ahead.edges[-1])
+        return across[side][0], across[other][0] | across[side][1]
+
+    def is_before(self, other: SignInstance) -> bool:
+        """Does another plate stand farther on, before the next junction?"""
+        on = other.edge in self.ahead.edges
+        return on and (other.edge != self.plate.edge or other.position_m > self.plate.position_m)
+
+    def closing(self, edge: str) -> str:
+        """Code of the plate that closes an edge at its mouth, or makes its road one-way against it; "": none does."""
+        at_mouth = (p.code for p in self.scene.plates if p.edge == edge and p.code in CLOSING)
+        return next(at_mouth, self.scene.against.get(edge, ""))
+
+    def lets(self, approach: str, edge: str) -> bool:
+        """Do all plates of ways on at an approach permit the turn from it onto an edge?"""
+        return all(plate.permits(approach, edge) for plate in self.scene.at_line.get(approach, ()))
+
+    def permits(self, approach: str, edge: str) -> bool:
+        """Does this plate permit the turn from its approach onto an edge?"""
+        turns = self.sign.rule.options.get("allowed")
+        return turns is None or self.scene.roads.graph.turn(approach, edge) in turns
+
+    @property
+    def bound(self) -> Iterator[RoutedVehicle]:
+        """Vehicles that must not be where the plate forbids it: all, but for the ego where the plate is the target."""
+        return (v for v in self.scene.vehicles if v.id != EGO_ID or self.plate.role != TARGET)
+
+    def at_target(self, codes: Sequence[str]) -> bool:
+        """Does the plate stand before the junction of a target with one of these codes?"""
+        roads = self.scene.roads
+        return any(
+            roads.approach(edge=p.edge, s=p.position_m).junction == self.ahead.junction
+            for p in self.scene.plates
+            if p.role == TARGET and p.code in codes
+        )
+
+    @property
+    def farthest(self) -> float:
+        """How far before its line, crossing or obstacle the sign may stand."""
+        return self.sign.placement.distance_m[1] + self.scene.table.distances.slack_m

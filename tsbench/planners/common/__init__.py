@@ -1,1 +1,0 @@
-"""What planners share: paths, speeds, gaps, steering."""

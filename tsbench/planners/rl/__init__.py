@@ -1,1 +1,0 @@
-"""What `ppo` and `carl` share."""

@@ -1,1 +1,0 @@
-"""Episodes in the formats of other projects: CommonRoad scenarios (XML) and MCAP recordings."""

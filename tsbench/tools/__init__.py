@@ -1,1 +1,0 @@
-"""Tools around runs: bench, doctor, check, rescore."""
