@@ -7,13 +7,12 @@ from import_graph import LAYER, LAYERS, ROOT, imports, package_of
 PICTURE = ROOT.parent / "docs" / "images" / "architecture.svg"
 
 _WINGS = {
-    "what runs": (
+    "bench: asks, shows": ("#e6defa", {"cli", "api", "report"}),
+    "bench: drives, judges": (
         "#cfe2ff",
-        {"run", "metrics", "episode", "adapters", "planners", "rules", "scenarios", "sim"},
+        {"run", "metrics", "episode", "planners", "rules", "scenarios", "sim"},
     ),
-    "what makes data": ("#ffe2b8", {"dataset"}),
-    "what learns": ("#cdeccd", {"learn", "envs"}),
-    "what is asked and shown": ("#e6defa", {"cli", "api", "leaderboard", "tools", "report"}),
+    "workshops": ("#ffe2b8", {"make", "learn", "board", "bridges"}),
     "what all stand on": ("#e9ecef", {"roads", "signs", "geometry", "core"}),
 }
 _COLUMN, _ROW, _BOX_W, _BOX_H, _LEFT, _TOP = 150, 62, 112, 30, 40, 18

@@ -15,10 +15,11 @@ import tsbench
 ROOT = Path(tsbench.__file__).parent
 # Each package with its place from the left in the picture.
 LAYERS: tuple[dict[str, float], ...] = (
-    {"cli": 1.5, "api": 2.5},
-    {"adapters": 0.5, "leaderboard": 1.5},
-    {"tools": 0.5, "envs": 1.5, "learn": 2.5, "report": 3.5},
-    {"run": 1.5, "dataset": 3.5},
+    {"cli": 1.5, "api": 3.5},
+    {"bridges": 0.5, "board": 2.5},
+    {"learn": 0.5, "make": 2.5},
+    {"report": 1.5},
+    {"run": 1.5},
     {"metrics": 1.5},
     {"episode": 1.5},
     {"planners": 0.5, "rules": 2.5},

@@ -10,9 +10,9 @@ import pytest
 from learned_scenes import Recorder, ppo_tensors, record, save_carl, save_ppo
 from scipy.special import betaincinv, ndtri
 
+from tsbench.cli.network_arithmetic import questions
 from tsbench.core.errors import InputError
 from tsbench.learn.carl.carl_planner import Carl, _by_torch
-from tsbench.learn.networks.network_arithmetic import questions
 from tsbench.learn.ppo.ppo_planner import Ppo
 from tsbench.learn.rl.actions import HOLD_TICKS, accelerate, aim, steer
 from tsbench.learn.rl.two_actions import LearnedPlanner

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tsbench.cli import network_arithmetic as doctor
 from tsbench.cli.diagnosis import Status
-from tsbench.learn.networks import network_arithmetic as doctor
 from tsbench.run import arithmetic
 from tsbench.run.log.manifest import difference, new_manifest
 from tsbench.run.planner_info import PlannerInfo
@@ -45,7 +45,7 @@ _FACTS = "import json; from tsbench.run.arithmetic import facts; print(json.dump
 _NETWORKS = """
 import json
 from tsbench.run.arithmetic import facts
-from tsbench.learn.networks.network_arithmetic import NETWORKS, answers_hash
+from tsbench.cli.network_arithmetic import NETWORKS, answers_hash
 print(json.dumps([{name: answers_hash(name) for name in NETWORKS}, facts()["answers"]]))
 """
 

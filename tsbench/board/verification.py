@@ -20,12 +20,13 @@ from tsbench.core.seeds import rng_of
 from tsbench.core.text import fault_in_name, one_line
 from tsbench.core.textfile import read_json
 from tsbench.core.typed import typed
+from tsbench.planners.planner_spec import PlannerSpec
 from tsbench.run import arithmetic
 from tsbench.run.contract import code_is_local
 from tsbench.run.edition import LOCAL, contract_now, edition_of, standing_contract
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import make_executor
-from tsbench.run.execution.messages import ISOLATED_ALONE, Setup
+from tsbench.run.execution.messages import ISOLATED, Setup
 from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.log.manifest import machine
 from tsbench.run.log.record import Record
@@ -41,7 +42,6 @@ _DIGITS = 6
 _HIGH_SHARE = 0.25
 _SHOWN = 5
 # Programs, and planners in images.
-_ISOLATED_ONLY = ("exe:", "image:")
 
 
 class ClaimVerdict(StrEnum):
@@ -164,7 +164,7 @@ def verify(
             "planner's code, --shared-process drives it so beside the referee"
         )
     driven = planner or claim.planner.spec
-    if shared_process and driven.startswith(_ISOLATED_ONLY):
+    if shared_process and PlannerSpec.parse(driven).isolated_only:
         raise InputError(f"--shared-process: {driven!r:.60} is driven isolated only: leave it out")
     data = DataSet.named(claim.city)
     table = sorted(data.table(claim.split), key=lambda row: row.scenario_id)
@@ -278,18 +278,10 @@ def _drive(
             info = describe(planner, only=claim.planner.files).planner
         else:
             (info,) = pool.probe([planner], claim.device)
-        split, contract, loader = claim.split, claim.contract, ISOLATED_ALONE if isolated else ""
-        setup = Setup(
-            (info,),
-            claim.perception,
-            claim.device,
-            "none",
-            out,
-            DataSet.named(claim.city),
-            split,
-            contract,
-            loader=loader,
-        )
+        split, contract, loader = claim.split, claim.contract, f"{ISOLATED}:load_alone" if isolated else ""
+        data = DataSet.named(claim.city)
+        given = ((info,), claim.perception, claim.device, "none", out, data, split, contract)
+        setup = Setup(*given, loader=loader)
         tasks = TaskQueue(Task(number, 0, spec) for number, spec in enumerate(specs, start=1))
         pool.run(setup, tasks, keep, lambda: False)
     return info, sorted(done, key=lambda episode: episode.scenario_id)

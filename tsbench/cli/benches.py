@@ -23,12 +23,12 @@ from typing import Final
 import numpy as np
 
 from tsbench.board.isolation.isolated_loading import describe, load
-from tsbench.board.isolation.sandbox_paths import EXECUTABLE
+from tsbench.cli.network_arithmetic import NETWORKS, batched, questions
 from tsbench.episode.outcome import Phase
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.learn.networks.network_arithmetic import NETWORKS, batched, questions
 from tsbench.metrics.episode_metrics import episode_metrics
 from tsbench.planners.batching import Infer, Records
+from tsbench.planners.planner_spec import PlannerSpec
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run.check_planner import choose
 from tsbench.run.execution.fresh_episode import run_in_child
@@ -292,7 +292,7 @@ def bench_isolation(planners: Sequence[str], scenes: int, rounds: int) -> list[P
 
         found = []
         for name in planners:
-            here = None if name.startswith(EXECUTABLE) else runner_of(resolve(name))
+            here = None if PlannerSpec.parse(name).isolated_only else runner_of(resolve(name))
             info = describe(name).planner
             beside, free = runner_of(load(info, show=True)), runner_of(load(info, show=True))
             together, isolated, apart = [], [], []

@@ -12,11 +12,11 @@ from pathlib import Path
 import click
 
 from tsbench.api.drive import Drive, row_of
-from tsbench.board.isolation.image import image_of
 from tsbench.cli import EXIT_FAILED, options
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.episode.perception_level import EXACTLY, Perception, load_level
+from tsbench.planners.planner_spec import PlannerSpec
 from tsbench.run.log.manifest import planners_of
 from tsbench.run.log.read import read_run
 from tsbench.scenarios.data_set import DataSet
@@ -68,7 +68,7 @@ def debug(
     row = row_of(data, scenario, split)
     try:
         # What a run drove in an image is driven here as it stands in its file.
-        _follow(Drive(image_of(planner)[1], row, data, perceived), at, png, debugger)
+        _follow(Drive(PlannerSpec.parse(planner).text, row, data, perceived), at, png, debugger)
     except BdbQuit:
         return
     except InputError:

@@ -30,7 +30,7 @@ def doctor(arithmetic: bool, write: bool) -> None:
     if write and not arithmetic:
         raise click.UsageError("--write goes with --arithmetic")
     if arithmetic:
-        from tsbench.learn.networks.network_arithmetic import check_arithmetic, write_reference
+        from tsbench.cli.network_arithmetic import check_arithmetic, write_reference
 
         if write:
             for path in write_reference():

@@ -12,7 +12,6 @@ import click
 from rich.progress import Progress
 
 from tsbench.board.claim import claim_of, claims_of
-from tsbench.board.isolation.image import image_of, in_image
 from tsbench.board.submission import json_schema
 from tsbench.board.submit import make_submission
 from tsbench.board.verification import ClaimVerdict, Verification
@@ -22,6 +21,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.streams import progress_console
+from tsbench.planners.planner_spec import PlannerSpec
 
 _SEED, _DRAWN = click.IntRange(0, 2**63 - 1), "Of the draw: your own choice, made after the submission."
 
@@ -106,7 +106,8 @@ def verify(
     for claim in claims:
         driven = planner
         if image is not None:
-            driven = in_image(planner or image_of(claim.planner.spec)[1], image)
+            own = PlannerSpec(PlannerSpec.parse(claim.planner.spec).text)
+            driven = str((PlannerSpec.parse(planner) if planner else own).in_image(image))
         options.use_city(claim.city)
         with Progress(console=console, transient=True) as bar:
             task = bar.add_task(f"driving {claim.title} again", total=None)

@@ -10,7 +10,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from tsbench.board.isolation.image import in_image
 from tsbench.cli import options
 from tsbench.cli.console import print_table
 from tsbench.core.errors import InputError
@@ -18,6 +17,7 @@ from tsbench.core.extras import load
 from tsbench.episode.outcome import Outcome
 from tsbench.planners import registry
 from tsbench.planners.check import Level, check_statically
+from tsbench.planners.planner_spec import PlannerSpec
 from tsbench.scenarios.data_set import DataSet
 
 if TYPE_CHECKING:
@@ -97,7 +97,9 @@ def _check_submission(planner: str, limit: int, image: str | None) -> int:
 
     console = Console()
     with console.status("") as status:
-        found = check_submission(in_image(planner, image), limit, "test", status.update)
+        found = check_submission(
+            str(PlannerSpec.parse(planner).in_image(image)), limit, "test", status.update
+        )
     return _tell(planner, found, console)
 
 

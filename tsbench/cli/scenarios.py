@@ -18,9 +18,9 @@ from tsbench.core.files import write_atomic
 from tsbench.make.certify.recertify import draw_sample, recertify
 from tsbench.make.maps.paths import sources_dir
 from tsbench.make.scenes.axes import type_axes
-from tsbench.make.scenes.calibration import calibrate, driven_speeds, grid_speeds, sample_rows
 from tsbench.make.scenes.place_lint import finding_counts, lint_rows
 from tsbench.make.scenes.verify import verify_certificates, verify_pairs, verify_rows, verify_split
+from tsbench.metrics.calibration import calibrate, driven_speeds, grid_speeds, sample_rows
 from tsbench.report.analyses.analysis import to_csv
 from tsbench.report.wording import scene_facts
 from tsbench.run.edition import earlier_splits

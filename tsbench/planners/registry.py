@@ -20,11 +20,10 @@ from tsbench.core.errors import InputError
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
 from tsbench.planners.batching import Batched, Infer
 from tsbench.planners.loading import import_attribute
+from tsbench.planners.planner_spec import EXPERT, NUPLAN, PlannerSpec, parts_of
 
 GROUP = "tsbench.planners"
-EXPERT = "-e"
 EXPERT_MODULE = "tsbench.planners.experts.expert"
-NUPLAN = "nuplan:"
 NUPLAN_MODULE = "tsbench.bridges.nuplan"
 
 
@@ -150,14 +149,20 @@ def place_of(name: str) -> str:
     return entry(name).target.partition(":")[0] if module.split(".")[0] == "tsbench" else module
 
 
+def source_of(spec: str) -> str:
+    """The module or file that stands before the colon of a specification, or behind a registered name."""
+    base = PlannerSpec(spec).base
+    return parts_of(base)[1] if ":" in base else place_of(base)
+
+
 def is_own(source: str) -> bool:
-    """Is a module or file a planner of this package? Adapters bring planners of others."""
+    """Is a module or file a planner of this package? Bridges bring planners of others."""
     return in_package(source) and not source.startswith("tsbench.bridges.")
 
 
 def comes_with_tsbench(spec: str) -> bool:
     """Is a planner, or the planner that an expert is made of, written in this package? Nothing is imported."""
-    base = spec.removesuffix(EXPERT)
+    base = PlannerSpec(spec).base
     known = _registered().get(base)
     return in_package(parts_of(base)[1] if known is None else known.module)
 
@@ -167,20 +172,12 @@ def in_package(source: str) -> bool:
     return source.startswith("tsbench.") and not source.endswith(".py")
 
 
-def parts_of(spec: str) -> tuple[str, str, str]:
-    """(`nuplan:` or "", module or file, attribute with its arguments) of a specification that is no registered name."""
-    if spec.startswith(NUPLAN):
-        source, _, attribute = spec.removeprefix(NUPLAN).partition(":")
-        return NUPLAN, source, attribute
-    source, _, attribute = spec.rpartition(":")
-    return "", source, attribute
-
-
 def resolve(spec: str) -> LoadedPlanner:
     """The planner that a specification names. Every failure is an InputError of one line."""
-    if spec.startswith("exe:"):
+    parsed = PlannerSpec.parse(spec)
+    if parsed.isolated_only:
         raise InputError(f"planner {spec!r}: a program is driven isolated only: add --isolate")
-    base = spec.removesuffix(EXPERT)
+    base = parsed.base
     if base != spec and (":" in base or base in _registered()):
         return _expert(spec, resolve(base))
     if ":" in spec:

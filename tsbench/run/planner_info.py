@@ -8,9 +8,12 @@ their own. The code of tsbench's own planners has no hash: the scoring number of
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.machinery import PathFinder
 from pathlib import Path
+from typing import Any
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
@@ -20,7 +23,8 @@ from tsbench.core.provenance import MOST_BYTES, closure, digest
 from tsbench.planners.base import Planner
 from tsbench.planners.batching import DEVICES
 from tsbench.planners.loading import cause_with_place
-from tsbench.planners.registry import LoadedPlanner, in_package, resolve
+from tsbench.planners.planner_spec import PlannerSpec
+from tsbench.planners.registry import LoadedPlanner, in_package, resolve, source_of
 from tsbench.run import opened_files
 from tsbench.run.execution.fresh_episode import shared_with_children
 
@@ -52,6 +56,14 @@ class PlannerInfo:
     opened: tuple[str, ...] = ()
     unseen: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class SandboxedPlanner:
+    """A planner, and what of its sandbox took effect (for the run's manifest)."""
+
+    planner: PlannerInfo
+    effects: Mapping[str, Any]
 
 
 def describe(spec: str, device: str = "cpu") -> PlannerInfo:
@@ -146,3 +158,73 @@ def source_file(source: str) -> Path | None:
         return Path(source)
     found = importlib.util.find_spec(source)
     return Path(found.origin) if found and found.origin and Path(found.origin).is_file() else None
+
+
+def code_hash_of(spec: str) -> str | None:
+    """SHA-256 (hex) of a planner's code, as a run in one process has it; of an executable that of its file.
+
+    spec: without its image. Raises InputError for what is no executable file, and for one that is too large.
+    """
+    if path := PlannerSpec(spec).program:
+        if path.stat().st_size > MOST_BYTES:
+            raise InputError(f"planner {spec!r}: {path} has more than {MOST_BYTES >> 30} GiB")
+        return sha256_of(path)
+    if in_package(source_of(spec)):
+        return None
+    file = _own_file(spec)
+    return _code_hash([file] if file else [])
+
+
+def check_unchanged_since(planner: PlannerInfo, code: str | None) -> None:
+    """As `check_unchanged`, without running a line of the planner's code.
+
+    code: its hash by `code_hash_of` before. That is not always the planner's `code_sha256`: code that extends Python's
+    path may import files that are not found without running it.
+    """
+    inner = PlannerSpec.parse(planner.spec).text
+    check_unchanged(replace(planner, code_sha256=code), code_hash_of(inner), files_place(inner))
+
+
+def files_place(spec: str) -> Path | None:
+    """Where the files of a Python planner lie."""
+    file = _own_file(spec)
+    return opened_files.place_of(file) if file else None
+
+
+def _own_file(spec: str) -> Path | None:
+    """The file that a Python planner is written in, or None."""
+    source = source_of(spec)
+    file = Path(source) if source.endswith(".py") else _module_file(source)
+    return file if file is not None and file.is_file() else None
+
+
+def source_places(spec: str) -> list[Path]:
+    """Files and folders that a planner's code lies in; nothing is imported to find them.
+
+    The folder of a file; the outermost package of a module; an executable.
+    """
+    if program := PlannerSpec(spec).program:
+        return [program]
+    source = source_of(spec)
+    if source.endswith(".py"):
+        return [Path(source).resolve().parent]
+    parts = source.split(".")
+    # A namespace has no file: the first below it that has one is the outermost.
+    files = (_module_file(".".join(parts[: k + 1])) for k in range(len(parts)))
+    found = next(filter(None, files), None)
+    if found is None:
+        return []
+    return [found.parent if found.name == "__init__.py" else found]
+
+
+def _module_file(name: str) -> Path | None:
+    """The file of a module, found without running any code of its packages."""
+    path: list[str] | None = [*sys.path, str(Path.cwd())]
+    origin = None
+    parts = name.split(".")
+    for k in range(len(parts)):
+        spec = PathFinder.find_spec(".".join(parts[: k + 1]), path)
+        if spec is None:
+            return None
+        path, origin = list(spec.submodule_search_locations or []), spec.origin
+    return Path(origin) if origin else None

@@ -9,16 +9,16 @@ from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, cast
 
 import pyarrow as pa
 
-from tsbench.board.isolation.image import image_of, in_image
-from tsbench.board.isolation.isolated_loading import check_unchanged_since, code_hash, describe
 from tsbench.core.errors import InputError
 from tsbench.core.text import fault_in_name
 from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import summarise
+from tsbench.planners.loading import import_attribute
+from tsbench.planners.planner_spec import PlannerSpec
 from tsbench.run.contract import code_stamps, contract_hash
 from tsbench.run.edition import LOCAL, edition_here, standing_contract
 from tsbench.run.execution.executor import Executor
@@ -33,13 +33,12 @@ from tsbench.run.log.record import Record, Row
 from tsbench.run.log.tables import read_table, write_tables
 from tsbench.run.opened_files import what_is_unseen
 from tsbench.run.plan import Request, make_plan
-from tsbench.run.planner_info import PlannerInfo
+from tsbench.run.planner_info import PlannerInfo, SandboxedPlanner, check_unchanged_since, code_hash_of
 from tsbench.run.run_options import Options
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
 
 if TYPE_CHECKING:
-    from tsbench.board.isolation.isolated_loading import SandboxedPlanner
     from tsbench.metrics.aggregate import Summary
 
 
@@ -94,7 +93,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
         out = None if options.out is None else options.out.resolve()
         hidden = tuple(str(path) for path in (out, Path("runs").resolve()) if path is not None)
         # Before a line of their code runs.
-        codes = [code_hash(image_of(spec)[1]) for spec in plan.request.planners]
+        codes = [code_hash_of(PlannerSpec.parse(spec).text) for spec in plan.request.planners]
         told = probe_isolated(plan.request, hidden) if options.isolate else None
         if told is None:
             planners = probe(pool, plan.request, options.device)
@@ -121,7 +120,7 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
             if journal is not None:
                 place, split = str(folder.path.resolve()), plan.request.split
                 given = (planners, perception, options.device, options.trace, place, data, split, contract)
-                loader = ISOLATED if options.isolate else ""
+                loader = f"{ISOLATED}:load" if options.isolate else ""
                 setup = Setup(*given, runner=options.runner, loader=loader, hidden=hidden)
 
                 def keep(record: Record) -> None:
@@ -154,7 +153,7 @@ def _changed_meanwhile(
 ) -> InputError | None:
     """The message where tsbench's code or a planner's changed during the run.
 
-    code: `code_stamps` at its start. planners: each with its `code_hash` at the start.
+    code: `code_stamps` at its start. planners: each with its `code_hash_of` at the start.
     """
     if code_stamps() != code:
         folder.manifest["edition"] = f"{folder.manifest['edition'].removesuffix(LOCAL)}{LOCAL}"
@@ -174,7 +173,9 @@ def _in_image(options: Options) -> Options:
         return options
     if not options.isolate:
         raise InputError(f"--image {options.image}: planners run in an image isolated only: add --isolate")
-    planners = tuple(in_image(spec, options.image) for spec in options.request.planners)
+    planners = tuple(
+        str(PlannerSpec.parse(spec).in_image(options.image)) for spec in options.request.planners
+    )
     return replace(options, request=replace(options.request, planners=planners))
 
 
@@ -185,6 +186,7 @@ def probe(pool: Executor, request: Request, device: str = "cpu") -> tuple[Planne
 
 def probe_isolated(request: Request, hidden: Sequence[str]) -> list[SandboxedPlanner]:
     """The same without a line of their code here, with what of their sandboxes took effect."""
+    describe = cast("Callable[..., SandboxedPlanner]", import_attribute(ISOLATED, "describe", "--isolate"))
     return [describe(spec, [Path(place) for place in hidden]) for spec in request.planners]
 
 

@@ -14,6 +14,10 @@ from tsbench.core.paths import data_file
 from tsbench.core.textfile import read_json
 from tsbench.geometry.polyline import Array
 
+DENSITY_KEY = "moving_cars_per_lane_within_150m"
+SPEED_KEY = "initial_speed_mps"
+LANE_KM_WITHIN_REACH = 0.3
+
 
 @cache
 def statistics() -> dict[str, Any]:

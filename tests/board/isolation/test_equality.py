@@ -13,12 +13,13 @@ import pytest
 import tsbench
 from tsbench.board.isolation import isolated_loading as loading
 from tsbench.board.isolation import protocol
-from tsbench.board.isolation.isolated_loading import code_hash, describe
+from tsbench.board.isolation.isolated_loading import describe
 from tsbench.board.submission import SubmittedEpisode, episode_of
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
 from tsbench.planners import registry
 from tsbench.run.log.tables import read_table
+from tsbench.run.planner_info import code_hash_of
 from tsbench.run.planner_info import describe as describe_here
 
 ROOT = Path(tsbench.__file__).parent.parent
@@ -64,7 +65,7 @@ def test_a_planner_is_what_it_is_in_one_process(spec: str) -> None:
 def test_a_planner_cannot_say_what_its_code_is(tmp_path: Path) -> None:
     file = tmp_path / "mine.py"
     file.write_text("class P:\n    def reset(self, c): pass\n    def act(self, o): pass\n")
-    before = code_hash(f"{file}:P")
+    before = code_hash_of(f"{file}:P")
     file.write_text(file.read_text() + "import tsbench.core.provenance as p\np.digest = lambda _: '0' * 64\n")
     assert describe(f"{file}:P").planner.code_sha256 not in (before, "0" * 64)
 
@@ -104,9 +105,9 @@ def test_a_program_is_hashed_as_its_file(tmp_path: Path) -> None:
     file = tmp_path / "program"
     file.write_bytes(b"1")
     file.chmod(0o755)
-    before = code_hash(f"exe:{file}")
+    before = code_hash_of(f"exe:{file}")
     file.write_bytes(b"2")
-    assert before != code_hash(f"exe:{file}") == sha256_of(file)
+    assert before != code_hash_of(f"exe:{file}") == sha256_of(file)
 
 
 def test_what_does_not_come_up_says_why(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from command_line import in_process, refused
 import tsbench
 from tsbench.board.claim import claims_of
 from tsbench.board.isolation import image
-from tsbench.board.isolation.image import find_engine, image_of, in_image, run_arguments
+from tsbench.board.isolation.image import find_engine, run_arguments
 from tsbench.board.isolation.isolated_loading import describe
 from tsbench.board.isolation.planner_files import PlannerFiles
 from tsbench.board.verification import verify
@@ -49,26 +49,6 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
 
 def calls(engine: Path) -> list[list[str]]:
     return [json.loads(line) for line in (engine / "calls").read_text().splitlines()]
-
-
-def test_a_specification_carries_its_image() -> None:
-    spec = in_image("mine.py:Mine", "host:5000/me/planner@sha256:1f")
-    assert image_of(spec) == ("host:5000/me/planner@sha256:1f", "mine.py:Mine")
-    assert image_of("mine.py:Mine") == (None, "mine.py:Mine")
-
-
-@pytest.mark.parametrize(
-    "spec", ["image:--privileged mine.py:Mine", "image:-v=/:/host x", "image: x", "image:"]
-)
-def test_an_option_is_no_image(spec: str) -> None:
-    with pytest.raises(InputError, match="is no name of an image"):
-        image_of(spec)
-    assert in_image("idm", None) == "idm"
-    with pytest.raises(InputError, match="names an image already"):
-        in_image(spec, "other")
-    for wrong in ("", "a b", "--privileged"):
-        with pytest.raises(InputError, match="is no name of an image"):
-            in_image("idm", wrong)
 
 
 def test_the_command_gives_a_container_nothing_but_the_line_and_the_planners_folder(

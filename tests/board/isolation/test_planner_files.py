@@ -15,13 +15,14 @@ import pytest
 
 from tsbench.board.isolation import planner_files as files
 from tsbench.board.isolation import sandbox_paths
-from tsbench.board.isolation.isolated_loading import changed_files, code_hash, describe, load
+from tsbench.board.isolation.isolated_loading import changed_files, describe, load
 from tsbench.board.isolation.planner_files import PlannerFiles
 from tsbench.board.isolation.process import PlannerProcess
 from tsbench.board.isolation.sandbox_paths import is_installed, is_public
 from tsbench.core.errors import InputError
 from tsbench.planners.base import PlannerContext
 from tsbench.run import opened_files
+from tsbench.run.planner_info import code_hash_of
 
 PLANNER = "class P:\n    floor = False\n    def reset(self, c): pass\n    def act(self, o): pass\n"
 
@@ -269,7 +270,7 @@ def test_a_folder_that_is_too_large_is_refused_before_it_is_read(tmp_path: Path)
         describe(f"exe:{(tmp_path / 'net.bin').rename(tmp_path / 'program')}")
     (tmp_path / "program").chmod(0o755)
     with pytest.raises(InputError, match="8 GiB"):
-        code_hash(f"exe:{tmp_path / 'program'}")
+        code_hash_of(f"exe:{tmp_path / 'program'}")
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(InputError, match="no file that can be executed"):
-        code_hash(f"exe:{tmp_path / 'pipe'}")
+        code_hash_of(f"exe:{tmp_path / 'pipe'}")

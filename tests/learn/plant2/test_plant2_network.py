@@ -10,8 +10,8 @@ import pytest
 import torch
 from training_helpers import fresh_tuned
 
+from tsbench.cli.network_arithmetic import questions
 from tsbench.core.errors import InputError
-from tsbench.learn.networks.network_arithmetic import questions
 from tsbench.learn.plant2 import layout as at
 from tsbench.learn.plant2.engine import Plant2Engine, target_speed_of
 from tsbench.learn.plant2.planner_ft import Plant2Ft

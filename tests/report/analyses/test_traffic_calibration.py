@@ -10,7 +10,7 @@ import page_runs
 import pytest
 
 from tsbench.episode.trace import read_trace, write_trace
-from tsbench.make.scenes.calibration import calibrate
+from tsbench.metrics.calibration import calibrate
 from tsbench.report.analyses.run_pool import index_episodes, read_pool
 from tsbench.report.analyses.traffic_calibration import background_speeds, traffic, unjudged
 

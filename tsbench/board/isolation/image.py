@@ -16,18 +16,17 @@ from typing import Any, Final
 from tsbench.board.isolation.planner_files import PlannerFiles
 from tsbench.board.isolation.sandbox import asked
 from tsbench.board.isolation.sandbox_paths import (
-    EXECUTABLE,
     LIMITS,
     MEMORY_BYTES,
     SCRATCH_MB,
     arithmetic,
     command_of,
-    source_of,
 )
 from tsbench.core.errors import InputError
+from tsbench.planners.planner_spec import PlannerSpec
+from tsbench.planners.registry import source_of
 from tsbench.run.execution.own_folder import SANDBOX, OwnFolder
 
-_PREFIX: Final = "image:"
 _ENGINES: Final = ("docker", "podman")
 # Where the folder with the line's socket is, in the container.
 _LINE: Final = "/tsbench-line"
@@ -36,30 +35,6 @@ _LABEL: Final = "tsbench.folder"
 _NOBODY: Final = 65534
 # Images are large: the first container of one may take long to come up.
 _START_S: Final = 120.0
-
-
-def in_image(spec: str, image: str | None) -> str:
-    """The specification of a planner that is driven in an image; as it is without one. Raises InputError."""
-    if image is None:
-        return spec
-    if spec.startswith(_PREFIX):
-        raise InputError(f"--image {image}: {spec!r} names an image already")
-    if not image or image.startswith("-") or any(map(str.isspace, image)):
-        raise InputError(f"--image {image!r}: is no name of an image")
-    return f"{_PREFIX}{image} {spec}"
-
-
-def image_of(spec: str) -> tuple[str | None, str]:
-    """The image of a specification, None without one, and what is to run in it.
-
-    Raises InputError for an image that the engine takes for an option.
-    """
-    if not spec.startswith(_PREFIX):
-        return None, spec
-    image, _, inner = spec.removeprefix(_PREFIX).partition(" ")
-    if not image or image.startswith("-"):
-        raise InputError(f"planner {spec!r:.80}: {image!r:.40} is no name of an image: give one by --image")
-    return image, inner
 
 
 class Container:
@@ -177,7 +152,7 @@ def run_arguments(
         "PYTHONDONTWRITEBYTECODE": "1",
         "PYTHONUNBUFFERED": "1",
     }
-    if not (spec.startswith(EXECUTABLE) or source_of(spec).endswith(".py")):
+    if not (PlannerSpec(spec).program or source_of(spec).endswith(".py")):
         # A module's package, or the module itself, is found in the folder that it is in.
         environment["PYTHONPATH"] = os.pathsep.join(str(place.parent) for _, place in mounts)
     return [

@@ -20,13 +20,13 @@ from tsbench.board.isolation.sandbox_paths import (
     is_of_tsbench,
     is_public,
     shown_to_all,
-    source_of,
-    source_places,
 )
 from tsbench.core.errors import InputError
 from tsbench.core.paths import expanded
 from tsbench.core.provenance import closure_paths
+from tsbench.planners.registry import source_of
 from tsbench.run.execution.own_folder import FILES, OwnFolder
+from tsbench.run.planner_info import source_places
 
 _MOST_FILES, _MOST_BYTES = 5_000, 8 << 30
 _CACHES = "__pycache__"

@@ -15,7 +15,7 @@ from typing import Any, Final
 from tsbench.board.isolation import protocol
 from tsbench.board.isolation.commands import read_command
 from tsbench.board.isolation.episode_messages import Encoder
-from tsbench.board.isolation.image import Container, image_of
+from tsbench.board.isolation.image import Container
 from tsbench.board.isolation.planner_files import PlannerFiles
 from tsbench.board.isolation.protocol import ProtocolError
 from tsbench.board.isolation.sandbox import Sandbox
@@ -23,6 +23,7 @@ from tsbench.core.errors import InputError, PlannerOutputError
 from tsbench.core.machine import cause_of_end
 from tsbench.core.text import fault_in_texts, one_line, written_out
 from tsbench.planners.base import Control, Observation, PlannerContext, Trajectory
+from tsbench.planners.planner_spec import PlannerSpec
 
 _READ_BYTES = 1 << 16
 _LAST_S = 5.0
@@ -49,17 +50,17 @@ class PlannerProcess:
 
         Raises InputError where it does not come up, with the planner's own reason.
         """
-        image, inner = image_of(spec)
+        planner = PlannerSpec.parse(spec)
         # A sandbox shows the copies for as long as they are there.
-        self._shown = shown = files or PlannerFiles(inner, hidden)
+        self._shown = shown = files or PlannerFiles(planner.text, hidden)
         self._own_files = files is None
         self._printed = Printed() if show else None
         output = self._printed.end if self._printed else None
         try:
             self._held: Sandbox | Container = (
                 Sandbox(spec, hidden, shown, output)
-                if image is None
-                else Container(image, inner, shown, output)
+                if planner.image is None
+                else Container(planner.image, planner.text, shown, output)
             )
         finally:
             if self._printed:

@@ -5,18 +5,14 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from importlib.machinery import PathFinder
 from pathlib import Path
 from site import getsitepackages
 
 import tsbench
-from tsbench.core.errors import InputError
 from tsbench.core.machine import ONE_THREAD
 from tsbench.core.paths import data_file, installed_data, roots
-from tsbench.planners.registry import EXPERT, parts_of
-from tsbench.planners.registry import place_of as registered_place
+from tsbench.planners.planner_spec import PlannerSpec, parts_of
 
-EXECUTABLE = "exe:"
 _SYSTEM = (
     "/usr",
     "/bin",
@@ -67,56 +63,16 @@ def arithmetic() -> dict[str, str]:
 
 def command_of(spec: str, python: str) -> list[str]:
     """What is to run in a sandbox. python: its name there. Raises InputError for a file that cannot be executed."""
-    if spec.startswith(EXECUTABLE):
-        path = Path(spec.removeprefix(EXECUTABLE)).resolve()
-        if not (path.is_file() and os.access(path, os.X_OK)):
-            raise InputError(f"planner {spec!r}: {path} is no file that can be executed")
-        return [str(path)]
-    return [python, "-P", "-m", "tsbench.board.isolation.client", _absolute(spec)]
+    program = PlannerSpec(spec).program
+    return (
+        [str(program)] if program else [python, "-P", "-m", "tsbench.board.isolation.client", _absolute(spec)]
+    )
 
 
 def _absolute(spec: str) -> str:
     """The same spec for a process in another folder."""
     kind, source, attribute = parts_of(spec)
     return f"{kind}{Path(source).resolve()}:{attribute}" if source.endswith(".py") else spec
-
-
-def source_places(spec: str) -> list[Path]:
-    """Files and folders that a planner's code lies in; nothing is imported to find them.
-
-    The folder of a file; the outermost package of a module; an executable.
-    """
-    if spec.startswith(EXECUTABLE):
-        return [Path(spec.removeprefix(EXECUTABLE)).resolve()]
-    source = source_of(spec)
-    if source.endswith(".py"):
-        return [Path(source).resolve().parent]
-    parts = source.split(".")
-    # A namespace has no file: the first below it that has one is the outermost.
-    files = (module_file(".".join(parts[: k + 1])) for k in range(len(parts)))
-    found = next(filter(None, files), None)
-    if found is None:
-        return []
-    return [found.parent if found.name == "__init__.py" else found]
-
-
-def source_of(spec: str) -> str:
-    """The module or file that stands before the colon of a specification, or behind a registered name."""
-    base = spec.removesuffix(EXPERT)
-    return parts_of(base)[1] if ":" in base else registered_place(base)
-
-
-def module_file(name: str) -> Path | None:
-    """The file of a module, found without running any code of its packages."""
-    path: list[str] | None = [*sys.path, str(Path.cwd())]
-    origin = None
-    parts = name.split(".")
-    for k in range(len(parts)):
-        spec = PathFinder.find_spec(".".join(parts[: k + 1]), path)
-        if spec is None:
-            return None
-        path, origin = list(spec.submodule_search_locations or []), spec.origin
-    return Path(origin) if origin else None
 
 
 def shown_to_all() -> list[Path]:

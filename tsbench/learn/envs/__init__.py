@@ -1,7 +1,7 @@
 """Gymnasium environments: importing this package registers `tsbench/Drive-v1`,
 and `tsbench/Priority-v1` and the like for the types of one group.
 
-Or let Gymnasium import it, which also works in worker processes: `gymnasium.make("tsbench.learn.envs:tsbench/Drive-v1")`.
+Or let Gymnasium import it, in worker processes too: `gymnasium.make("tsbench.learn.envs:tsbench/Drive-v1")`.
 `-v0` is the same environment with the defaults that `ppo` learned with: it shows no plate, and violations are free.
 """
 

@@ -8,10 +8,8 @@ import numpy as np
 
 from tsbench.core.benchmark import VARIANTS
 from tsbench.make.seeds import rng_of, seed_of
-from tsbench.sim.nuplan import quantile
+from tsbench.sim.nuplan import DENSITY_KEY, LANE_KM_WITHIN_REACH, SPEED_KEY, quantile
 
-DENSITY_KEY = "moving_cars_per_lane_within_150m"
-SPEED_KEY = "initial_speed_mps"
 ROUTE_LENGTHS_M = (60.0, 120.0)
 # Of the published density: from the first of its quantiles to the last.
 DENSITY_SHARES = (0.05, 0.95)
@@ -22,7 +20,6 @@ DRIVER_DRAWS = 3
 LAYOUTS = 6
 DISTRACTORS = (2, 3, 1, 0)  # of ten variants three have the first number, three the second
 NOMINAL_SPEED_MPS = 7.75
-LANE_KM_WITHIN_REACH = 0.3
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from tsbench.metrics.breakdown import COMPLETED, STRICT, Counted, StrictAndCompl
 from tsbench.metrics.intervals import Estimate
 from tsbench.metrics.paired_differences import Difference
 from tsbench.metrics.scd_records import CONTRASTED, PAIRED, PARTS, SIGNED_ONES, group_rank
-from tsbench.planners.registry import EXPERT
+from tsbench.planners.planner_spec import EXPERT
 from tsbench.report.analyses.analysis import ALL, Cell, Column, Kind, Row, Value
 from tsbench.run.edition import editions
 from tsbench.run.plan import choose_types

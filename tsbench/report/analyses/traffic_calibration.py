@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from tsbench.episode.trace import Trace, read_trace
 from tsbench.geometry.polyline import Array
-from tsbench.make.scenes.calibration import (
+from tsbench.metrics.calibration import (
     GOAL,
     MOVING_MPS,
     SPEEDS_EVERY_TICKS,

@@ -20,8 +20,8 @@ from tsbench.scenarios.data_set import DataSet
 M = TypeVar("M")
 
 RUNNER = "tsbench.episode.runner:EpisodeRunner"
-ISOLATED = "tsbench.board.isolation.isolated_loading:load"
-ISOLATED_ALONE = "tsbench.board.isolation.isolated_loading:load_alone"
+# What isolates planners is no part of the bench: it is loaded by name.
+ISOLATED = "tsbench.board.isolation.isolated_loading"
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from tsbench.board.isolation.isolated_loading import files_place
 from tsbench.core.errors import InputError
 from tsbench.core.paths import expanded
 from tsbench.run import opened_files
 from tsbench.run.log.record import Record
-from tsbench.run.planner_info import PlannerInfo, check_unchanged
+from tsbench.run.planner_info import PlannerInfo, check_unchanged, files_place
 
 
 @dataclass

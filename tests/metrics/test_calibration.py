@@ -11,7 +11,9 @@ from PIL import Image
 from simworld import CALM, SceneMaker, simulation, speed_plate
 
 from tsbench.core.errors import InputError
-from tsbench.make.scenes.calibration import (
+from tsbench.make.scenes.traffic import Car
+from tsbench.make.scenes.variants import INITIAL_SPEEDS_MPS, variants_of
+from tsbench.metrics.calibration import (
     Quantiles,
     calibrate,
     driven_speeds,
@@ -20,8 +22,6 @@ from tsbench.make.scenes.calibration import (
     published,
     sample_rows,
 )
-from tsbench.make.scenes.traffic import Car
-from tsbench.make.scenes.variants import INITIAL_SPEEDS_MPS, variants_of
 from tsbench.report.analyses.traffic_calibration import calibration
 from tsbench.report.tables.charts import save_chart
 from tsbench.roads.lane_graph import Destination

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsbench.core.errors import InputError
+from tsbench.core.seeds import seed_of
 from tsbench.geometry.polyline import Array
-from tsbench.make.scenes.variants import DENSITY_KEY, LANE_KM_WITHIN_REACH, SPEED_KEY
-from tsbench.make.seeds import seed_of
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.sim.nuplan import quantiles
+from tsbench.sim.nuplan import DENSITY_KEY, LANE_KM_WITHIN_REACH, SPEED_KEY, quantiles
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
