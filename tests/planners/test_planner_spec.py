@@ -40,4 +40,4 @@ def test_programs_and_images_are_isolated_only() -> None:
     assert PlannerSpec("mine.py:Mine-e").base == "mine.py:Mine"
     assert PlannerSpec("idm").program is None
     with pytest.raises(InputError, match="no file that can be executed"):
-        _ = PlannerSpec("exe:/no/such").program
+        PlannerSpec("exe:/no/such").executable()

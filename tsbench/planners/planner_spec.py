@@ -64,11 +64,15 @@ class PlannerSpec:
 
     @property
     def program(self) -> Path | None:
-        """The file of `exe:FILE`, None for what is Python. Raises InputError for a file that cannot be executed."""
-        if not self.text.startswith(EXECUTABLE):
-            return None
-        path = Path(self.text.removeprefix(EXECUTABLE)).resolve()
-        if not (path.is_file() and os.access(path, os.X_OK)):
+        """The file of `exe:FILE`, None for what is Python."""
+        return (
+            Path(self.text.removeprefix(EXECUTABLE)).resolve() if self.text.startswith(EXECUTABLE) else None
+        )
+
+    def executable(self) -> Path | None:
+        """`program`, checked. Raises InputError for a file that cannot be executed."""
+        path = self.program
+        if path and not (path.is_file() and os.access(path, os.X_OK)):
             raise InputError(f"planner {self.text!r}: {path} is no file that can be executed")
         return path
 

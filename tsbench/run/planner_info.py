@@ -165,7 +165,7 @@ def code_hash_of(spec: str) -> str | None:
 
     spec: without its image. Raises InputError for what is no executable file, and for one that is too large.
     """
-    if path := PlannerSpec(spec).program:
+    if path := PlannerSpec(spec).executable():
         if path.stat().st_size > MOST_BYTES:
             raise InputError(f"planner {spec!r}: {path} has more than {MOST_BYTES >> 30} GiB")
         return sha256_of(path)

@@ -63,7 +63,7 @@ def arithmetic() -> dict[str, str]:
 
 def command_of(spec: str, python: str) -> list[str]:
     """What is to run in a sandbox. python: its name there. Raises InputError for a file that cannot be executed."""
-    program = PlannerSpec(spec).program
+    program = PlannerSpec(spec).executable()
     return (
         [str(program)] if program else [python, "-P", "-m", "tsbench.board.isolation.client", _absolute(spec)]
     )
