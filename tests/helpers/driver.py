@@ -20,8 +20,9 @@ from patience import HANG_S
 
 import tsbench.cli
 import tsbench.cli.run as command
+from tsbench.run.execution.executor import Limits
 from tsbench.run.log.journal import Journal
-from tsbench.run.run_options import Options
+from tsbench.run.run_options import RunOptions
 
 # Nothing but what sleeps for ever is as slow as this, on the busiest machine.
 LIMITS = dict.fromkeys(("call", "first_call", "phase", "start"), HANG_S)
@@ -35,9 +36,9 @@ def main(arguments: list[str] | None = None) -> None:
         def options(**given):
             # It was blocked at the start: no program can answer Ctrl-C before its first import is done.
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
-            return Options(**{**given, "runner": runner, "limits": replace(given["limits"], **limits)})
+            return RunOptions(**given, runner=runner, limits=replace(Limits(), **limits))
 
-        stack.enter_context(patch.object(command, "Options", options))
+        stack.enter_context(patch.object(command, "RunOptions", options))
         if "TSBENCH_TEST_PAUSE" in os.environ:
             stack.enter_context(patch.object(Journal, "append", pausing(Journal.append)))
         tsbench.cli.main(arguments)

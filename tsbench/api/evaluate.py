@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import functools
 import inspect
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, fields
+from typing import Any
 
 from tsbench.api.loaded_run import Run
 from tsbench.core.errors import InputError
 from tsbench.core.paths import expanded_text
 from tsbench.core.streams import progress_console
-from tsbench.episode.perception_level import EXACT
-from tsbench.run.arguments import keywords, number_of, path_of, switch, text, type_words, whole_number
-from tsbench.run.execution.executor import Limits
-from tsbench.run.listener import Listener, listeners_of
-from tsbench.run.plan import BOTH, Request
-from tsbench.run.run_options import LEAST_MEMORY_MB, Options
+from tsbench.run.arguments import TOML, from_python, keywords, options_in, toml_section
+from tsbench.run.listener import listeners_of
+from tsbench.run.run_options import RunOptions
 from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import run
 from tsbench.scenarios.data_set import DataSet
@@ -27,91 +22,64 @@ from tsbench.scenarios.data_set import DataSet
 # A name, pkg.module:Class, file.py:Class; a class; or a function observation -> Control.
 Given = str | type[Any] | Callable[..., Any]
 _WORKER = "tsbench.run.execution.worker_main"
-_P = ParamSpec("_P")
-_R = TypeVar("_R")
 
 
-def _with_file(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Fill arguments that are not given from the section [run] of this folder's tsbench.toml, as the command does."""
-    signature = inspect.signature(function)
-
-    @functools.wraps(function)
-    def filled(*args: _P.args, **kwargs: _P.kwargs) -> _R:
-        given = signature.bind(*args, **kwargs)
-        _fill(given.arguments)
-        return function(*given.args, **given.kwargs)
-
-    return filled
-
-
-def _fill(given: dict[str, Any]) -> None:
-    """Add what is missing and stands in the file, and say what that is."""
-    if not Path("tsbench.toml").is_file():
-        return
-    # The options of the command itself: there is no second list of them.
-    from tsbench.cli.config import tell, values_of
-    from tsbench.cli.run import run as command
-
-    renamed = {"planners": "planner"}
-    values = {renamed.get(name, name): value for name, value in values_of(command, "run").items()}
-    missing = {name: value for name, value in values.items() if name not in given}
-    given.update(missing)
-    tell(missing)
-
-
-@_with_file
-@keywords()
-def evaluate(
-    planner: Given | Sequence[Given] = (),
-    *,
-    split: str | None = None,
-    city: str | None = None,
-    types: str | Sequence[str] | None = None,
-    limit: int | None = None,
-    variants: str = "all",
-    half: str = BOTH,
-    workers: int | None = None,
-    memory_limit: float = Limits.most_memory,
-    executor: str = "local",
-    out: str | Path | None = None,
-    trace: str = "violations",
-    device: str = "cpu",
-    mask_signs: bool = False,
-    perception: str | Path = EXACT,
-    isolate: bool = False,
-    image: str | None = None,
-    overwrite: bool = False,
-    allow_partial: bool = False,
-    listeners: Sequence[str | Listener] = (),
-) -> Run:
+def evaluate(planner: Given | Sequence[Given] = (), **options: Any) -> Run:
     """Run planners on scenarios; the same call again continues an interrupted run, or reads a complete one.
 
     planner: one or several; a name, "pkg.module:Class", "file.py:Class", or a class or function that is written in a
-    file. types: None = all. listeners: objects, or what `--listener` takes. All else is as in `tsbench run`. What is
-    not given is taken from the section [run] of the folder's `tsbench.toml`, if there is one; a planner and a split
-    must come from one of the two. Raises InputError: wrong options, bad input, or a folder that cannot be used.
+    file. options: those of `tsbench run`, such as split="dev", types=["stop"], mask_signs=True; `help(evaluate)` names
+    all. listeners: objects, or what `--listener` takes. What is not given is taken from the section [run] of the
+    folder's `tsbench.toml`, if there is one; a planner and a split must come from one of the two. Raises InputError:
+    wrong options, bad input, or a folder that cannot be used.
     """
     if getattr(sys.modules["__main__"].__spec__, "name", "") == _WORKER:
         raise InputError(
             'evaluate is called while a worker imports a planner: put it below if __name__ == "__main__":'
         )
-    if split is None:
-        raise InputError("split: name one (split=…), here or in the section [run] of tsbench.toml")
-    given = planner if isinstance(planner, list | tuple) else [planner]
-    told = listeners_of(listeners)
-    names, words = tuple(map(spec_of, given)), type_words("types", types)
-    most = None if limit is None else whole_number("limit", limit)
-    request = Request(names, split, words, most, variants, half)
-    options = Options(
-        request=request, workers=None if workers is None else whole_number("workers", workers), executor=executor,
-        out=None if out is None else path_of("out", out), trace=trace, device=device,
-        mask_signs=switch("mask_signs", mask_signs), perception=expanded_text(str(perception)),
-        isolate=switch("isolate", isolate), image=None if image is None else text("image", image),
-        overwrite=switch("overwrite", overwrite), allow_partial=switch("allow_partial", allow_partial),
-        limits=Limits(most_memory=number_of("memory_limit", memory_limit, LEAST_MEMORY_MB)),
-    )  # fmt: skip
-    data = DataSet.driven(None if city is None else text("city", city))
-    return Run(run(replace(options, city=data.name), ProgressWatcher(progress_console()), told).folder)
+    _SIGNATURE.bind(planner, **options)
+    with keywords():
+        given = {"planners": planner, **options} if planner != () else options
+        given = {**_from_file(given), **given}
+        if given.get("split") is None:
+            raise InputError("split: name one (split=…), here or in the section [run] of tsbench.toml")
+        planners = given.get("planners", ())
+        planners = planners if isinstance(planners, list | tuple) else [planners]
+        values = from_python(RunOptions, given) | {"planners": tuple(map(spec_of, planners))}
+        told = listeners_of(values.get("listeners", ()))
+        values["city"] = DataSet.driven(values.get("city")).name
+        return Run(run(RunOptions(**values), ProgressWatcher(progress_console()), told).folder)
+
+
+def _signature() -> inspect.Signature:
+    """Of `evaluate`: every option of a run is a keyword."""
+    kind = inspect.Parameter.KEYWORD_ONLY
+    default = {f.name: f.default for f in fields(RunOptions) if f.default is not MISSING}
+    default |= {"city": None, "types": None}
+    keys = [inspect.Parameter(name, kind, default=default.get(name)) for name in options_in(RunOptions)]
+    first = inspect.Parameter("planner", inspect.Parameter.POSITIONAL_OR_KEYWORD, default=())
+    return inspect.Signature([first, *(key for key in keys if key.name != "planners")])
+
+
+_SIGNATURE = _signature()
+evaluate.__signature__ = _SIGNATURE  # type: ignore[attr-defined]
+
+
+def _from_file(given: Mapping[str, Any]) -> dict[str, Any]:
+    """What is missing and stands in this folder's tsbench.toml; it is said what that is."""
+    section = toml_section(TOML, "run")
+    if not isinstance(section, dict):
+        raise InputError(f"{TOML}: run: expected a section, [run]")
+    names = {"planner": "planners", "listener": "listeners"}
+    found = {names.get(key, key.replace("-", "_")): (key, value) for key, value in section.items()}
+    if unknown := [key for name, (key, _) in found.items() if name not in options_in(RunOptions)]:
+        raise InputError(
+            f"{TOML}: [run] {unknown[0]}: no such option; there are {', '.join(options_in(RunOptions))}"
+        )
+    missing = {name: value for name, (_, value) in found.items() if given.get(name) is None}
+    if missing:
+        print(f"{TOML}: {', '.join(found[name][0] for name in missing)}", file=sys.stderr)
+    return missing
 
 
 def spec_of(planner: Given) -> str:

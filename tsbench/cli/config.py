@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from pathlib import Path
@@ -12,13 +11,13 @@ import click
 from click.core import ParameterSource
 
 from tsbench.core.errors import InputError
+from tsbench.run.arguments import TOML, toml_section
 
-FILE = Path("tsbench.toml")
 # What is judged here may come with a file of its own.
 _TAKE_NOTHING = ("submit", "verify", "leaderboard")
 
 
-def defaults_of(command: click.Command, words: Sequence[str], path: Path = FILE) -> dict[str, Any]:
+def defaults_of(command: click.Command, words: Sequence[str], path: Path = TOML) -> dict[str, Any]:
     """What the file says of a command's options, for `Context.default_map`; nothing where there is no file.
 
     words: the command's section, and what follows it on the command line. A group's section has a section for each of
@@ -27,12 +26,12 @@ def defaults_of(command: click.Command, words: Sequence[str], path: Path = FILE)
     command that takes none.
     """
     name, *rest = words
-    content = _read(path)
+    section = toml_section(path, name)
     if name in _TAKE_NOTHING:
-        if name in content:
+        if section != {}:
             raise InputError(f"{path}: [{name}]: options of this command are given on the command line only")
         return {}
-    section = _table(content.get(name, {}), path, name)
+    section = _table(section, path, name)
     if not isinstance(command, click.Group):
         return given_options(command, section, f"{path}: [{name}]")
     called = rest[0] if rest else ""
@@ -51,20 +50,6 @@ def defaults_of(command: click.Command, words: Sequence[str], path: Path = FILE)
         asked, {k: v for k, v in for_all.items() if k in _known(asked)}, f"{path}: [{name}]"
     )
     return {called: {**found, **given_options(asked, own, f"{path}: [{name}.{called}]")}}
-
-
-def values_of(command: click.Command, name: str) -> dict[str, Any]:
-    """The same for Python: values as the command gets them, by parameter. Raises InputError for a wrong value."""
-    context = click.Context(command, info_name=name)
-    options = {option.name: option for option in _known(command).values()}
-    found = {}
-    for parameter, value in defaults_of(command, [name], FILE).items():
-        try:
-            found[parameter] = options[parameter].type_cast_value(context, value)
-        except click.BadParameter as problem:
-            key = long_name(options[parameter])
-            raise InputError(f"{FILE}: [{name}] {key}: {problem.message}") from None
-    return found
 
 
 def telling(command: click.Command) -> click.Command:
@@ -90,21 +75,12 @@ def telling(command: click.Command) -> click.Command:
 def tell(options: Iterable[str]) -> None:
     """Say on standard error which options the file gave, where it gave any."""
     if names := ", ".join(options):
-        click.echo(f"{FILE}: {names}", err=True)
+        click.echo(f"{TOML}: {names}", err=True)
 
 
 def long_name(option: click.Option) -> str:
     """An option as the command line spells it, without the dashes."""
     return max(option.opts, key=len).lstrip("-")
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return {}
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: is not TOML ({error})") from None
 
 
 def _table(value: Any, path: Path, name: str) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,9 +13,11 @@ from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
 from tsbench.core.paths import CITY, OWN_CITY, city_names, driven_city, expanded, expanded_text, using_city
 from tsbench.episode.perception_level import EXACT
-from tsbench.planners.batching import DEVICES
 from tsbench.planners.registry import names as registered
+from tsbench.run.arguments import Option as Known
+from tsbench.run.arguments import options_in
 from tsbench.run.plan import choose_types, types_and_groups
+from tsbench.run.run_options import RunOptions
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.table import SPLITS
 from tsbench.signs.countries import Country, load_country
@@ -132,13 +135,6 @@ def planners(help: str, *, required: bool = False, default: tuple[str, ...] = ()
     return click.option(*names, multiple=True, type=TEXT, metavar=PLANNER, help=several_times, **given)
 
 
-image = click.option(
-    "--image",
-    metavar="IMAGE",
-    help="Run isolated planners in containers of this image, by Docker or Podman: docs/isolation.md.",
-)
-
-
 def split(default: str | None = None, *, required: bool = False, made: bool = False) -> Option:
     """`--split` and `--city`. made: the command makes something of the split."""
     # A default of None would be a value to click, and nothing that is missing.
@@ -212,26 +208,19 @@ _date = click.option(
 _server = click.option(
     "--server", metavar="URL", help="Who answers for Overpass.  [default: overpass-api.de]"
 )
-types = words("--types", "Scenario types and groups; default: all.")
 more = words("--more", "Types and groups that are drawn three times as often.")
 osm = click.option("--osm", "osm_dir", type=PATH, help="Folder of extracts.  [default: sumo_nets/sources]")
 caption_country = country("Sign with this country's plates and codes, such as de; rules stay as they are.")
-allow_partial = click.option(
-    "--allow-partial", is_flag=True, help="Take what has missing records too; the title says so."
-)
 runs = click.argument("runs", nargs=-1, required=True, metavar="RUN…", type=PATH, callback=of_their_city)
 workers = click.option(
     "--workers", type=POSITIVE, default=own_cores, show_default="one per core", metavar="N", help="Processes."
 )
-# Without a number the run itself decides: planners with networks want more episodes at once than there are cores.
-run_workers = click.option("--workers", type=POSITIVE, show_default="all", metavar="N", help="Cores to use.")
 trajectories = click.option(
     "--trajectories",
     type=PATH,
     metavar="FILE",
     help="The oracle's chosen drives. Default: scenarios/oracle.parquet of the data folder.",
 )
-device = choice("--device", DEVICES, "cpu", "For learned planners.")
 seed = click.option("--seed", default=0, show_default=True, type=click.IntRange(min=0))
 
 
@@ -248,6 +237,66 @@ def several(*options: Option) -> Option:
 
 box = several(_bbox(True), _date, _server)
 box_or_file = several(_bbox(False), _date, _server)
+
+
+def of(owner: type[Any]) -> Option:
+    """The options among the fields of a dataclass, in their order; parameters have the fields' names."""
+    defaults = {f.name: f.default for f in fields(owner)}
+    return several(
+        *(
+            _made(name, known, defaults[name])
+            for name, known in options_in(owner).items()
+            if known.kind != "city"
+        )
+    )
+
+
+def one_of(owner: type[Any], name: str) -> Option:
+    """One of these options, for a command that takes the same."""
+    default = next(f.default for f in fields(owner) if f.name == name)
+    return _made(name, options_in(owner)[name], default)
+
+
+def _made(name: str, known: Known, default: Any) -> Option:
+    """An option as click has it."""
+    flag = f"--{name.replace('_', '-')}"
+    given: dict[str, Any] = {
+        "metavar": known.metavar,
+        "default": default,
+        "show_default": default is not None,
+    }
+    match known.kind:
+        case "planners":
+            return planners(known.help, required=True)
+        case "split":
+            return split(required=True)
+        case "types":
+            return words(flag, known.help)
+        case "count" | "number":
+            given["show_default"] = known.shown or default is not None
+            given["metavar"] = known.metavar or "N"
+            given["default"] = None if default is None else int(default)
+            return click.option(flag, type=click.IntRange(known.least), help=known.help, **given)
+        case "choice":
+            return choice(flag, known.choices, default, known.help)
+        case "flag":
+            return click.option(flag, is_flag=True, help=known.help)
+        case "folder":
+            return out(known.help, type=FOLDER)
+        case "listeners":
+            return click.option(
+                "--listener", name, type=TEXT, multiple=True, metavar=PLANNER, help=known.help
+            )
+        case _:
+            return click.option(flag, type=TEXT, help=known.help, **given)
+
+
+image = one_of(RunOptions, "image")
+types = one_of(RunOptions, "types")
+device = one_of(RunOptions, "device")
+allow_partial = one_of(RunOptions, "allow_partial")
+# Without a number the run itself decides: planners with networks want more episodes at once than there are cores.
+run_workers = one_of(RunOptions, "workers")
 
 
 def types_of(data: DataSet, words: tuple[str, ...]) -> tuple[str, ...]:

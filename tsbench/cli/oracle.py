@@ -12,7 +12,6 @@ from tsbench.cli import EXIT_FAILED, EXIT_INTERRUPTED, options
 from tsbench.cli.analyse import out as analysis_out
 from tsbench.cli.console import show_analysis
 from tsbench.cli.options import Words
-from tsbench.cli.run import which_variants
 from tsbench.core.benchmark import VARIANTS
 from tsbench.core.streams import progress_console
 from tsbench.learn.oracle.collect import LEAST_LEARNED_VARIANTS, TRIES, Collected, CollectOptions, experts
@@ -38,7 +37,7 @@ def oracle() -> None:
 @_split
 @options.types
 @options.limit("Scenarios: types in turn, nominal first; of one per map, drawn at random.")
-@which_variants
+@options.one_of(Request, "variants")
 @options.planners("Expert to drive; default: all that are registered")
 @options.count(
     "--learned-variants",

@@ -18,14 +18,11 @@ from tsbench.report.analyses.analysis import to_markdown
 from tsbench.report.analyses.main_table import run_tables
 from tsbench.report.tables.run_ending import citation, examples, headline
 from tsbench.run.edition import contract_line
-from tsbench.run.execution.executor import Limits
-from tsbench.run.execution.local import EXECUTORS
-from tsbench.run.listener import KNOWN, make_listener
+from tsbench.run.listener import listeners_of
 from tsbench.run.log.folder import TABLES_TEXT
 from tsbench.run.log.read import read_run
 from tsbench.run.log.rescored import write_rescored
-from tsbench.run.plan import BOTH, TRACES, VARIANTS, WHICH_HALVES, Request
-from tsbench.run.run_options import LEAST_MEMORY_MB, Options
+from tsbench.run.run_options import RunOptions
 from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import RunResult
 from tsbench.run.session import run as run_session
@@ -34,67 +31,9 @@ from tsbench.scenarios.data_set import DataSet
 if TYPE_CHECKING:
     from tsbench.metrics.aggregate import Summary
 
-# Of `tsbench oracle collect` too.
-_LISTENER = f"Who is told how the run goes, such as a tracker: {', '.join(KNOWN)}, or one of your own."
-which_variants = options.choice(
-    "--variants",
-    VARIANTS,
-    "all",
-    "The nominal variant, all, or one drawn for each map, or type: a quick look.",
-)
-which_half = options.choice(
-    "--half",
-    WHICH_HALVES,
-    BOTH,
-    "Of contrast pairs: the signed half (with what has no pair), the contrast half, or both.",
-)
-
 
 @click.command()
-@options.planners("Planner to run", required=True)
-@options.split(required=True)
-@options.types
-@options.limit(
-    "Scenarios for each planner, no pair in part: types in turn, nominal ones first; of drawn ones any."
-)
-@which_variants
-@which_half
-@options.run_workers
-@options.count(
-    "--memory-limit",
-    default=int(Limits.most_memory),
-    least=LEAST_MEMORY_MB,
-    metavar="MB",
-    help="Most that a worker, with all that its planner has started, may take in an episode.",
-)
-@options.choice(
-    "--executor", EXECUTORS, "local", "Where: on this machine, or on the Ray cluster that RAY_ADDRESS names."
-)
-@options.out(
-    "Run folder; one with part of the same run is continued. Default: below runs/.", type=options.FOLDER
-)
-@options.choice(
-    "--trace",
-    TRACES,
-    "violations",
-    "Episodes to keep tick by tick: none, those with a violation or without success, all.",
-)
-@options.device
-@click.option(
-    "--isolate",
-    is_flag=True,
-    help="Run planners in processes of their own, out of reach of data, run and referee.",
-)
-@options.image
-@click.option("--mask-signs", is_flag=True, help="Remove sign identity from what planners see.")
-@options.perception("How well planners perceive plates: a level, or a YAML file with the fields of one.")
-@click.option(
-    "--overwrite", is_flag=True, help="Remove the run that is in the folder, and drive all of it again."
-)
-@options.allow_partial
-@click.option(
-    "--listener", "listeners", type=options.TEXT, multiple=True, metavar=options.PLANNER, help=_LISTENER
-)
+@options.of(RunOptions)
 def run(**given: Any) -> None:
     """Run planners on scenarios and score them; the same command again continues an interrupted run.
 
@@ -108,21 +47,13 @@ def run(**given: Any) -> None:
         sys.exit(EXIT_FAILED)
 
 
-def drive(
-    *, planners: tuple[str, ...], split: str, types: tuple[str, ...], limit: int | None, variants: str, half: str,
-    memory_limit: int, listeners: tuple[str, ...], **others: Any,
-) -> RunResult:  # fmt: skip
+def drive(**given: Any) -> RunResult:
     """The run that the options of `tsbench run` ask for, in the data set in use; its folder has the tables as text.
 
     Raises InputError: wrong options, bad input, or a folder that cannot be used.
     """
-    request, limits = (
-        Request(planners, split, types, limit, variants, half),
-        Limits(most_memory=float(memory_limit)),
-    )
-    asked = Options(request=request, city=DataSet.driven(None).name, limits=limits, **others)
-    told = [make_listener(name) for name in listeners]
-    ended = run_session(asked, ProgressWatcher(progress_console()), told)
+    asked = RunOptions(**given, city=DataSet.driven(None).name)
+    ended = run_session(asked, ProgressWatcher(progress_console()), listeners_of(asked.listeners))
     if ended.summary is not None:
         _write_tables(ended.folder, ended.summary)
     return ended

@@ -1,4 +1,8 @@
-"""Checks of what is given from Python, which the command line's own types refuse by themselves, in a script's words."""
+"""Options as fields of a dataclass, and checks of what is given from Python, in a script's words.
+
+A field that `option` declares is an option of the command line (`cli.options.of`), a keyword in Python
+(`from_python`), and a key of tsbench.toml and of campaigns.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +10,106 @@ import math
 import operator
 import os
 import re
-from collections.abc import Iterator, Sequence
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
+from typing import Any, Literal
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import expanded
+from tsbench.core.paths import expanded, expanded_text
 
+TOML = Path("tsbench.toml")
+Kind = Literal[
+    "planners", "split", "city", "types", "count", "number", "choice", "flag", "text", "folder", "listeners"
+]
 # A command stays as it is.
 _OPTION = re.compile(r"tsbench [^:;,()]*|--([a-z][a-z-]*)")
 # Options without a value.
-_FLAGS = ("allow_partial", "force", "isolate", "mask_signs")
+_FLAGS = ("allow_partial", "force", "isolate", "mask_signs", "overwrite")
+
+
+@dataclass(frozen=True, slots=True)
+class Option:
+    """What is known of an option beside its name and default.
+
+    help: a sentence for `--help`.
+    kind: how it is given and read.
+    choices: the values that there are, () = any.
+    least: of a number.
+    metavar: what stands for the value in `--help`.
+    shown: what stands for a default of None there.
+    asked: does it stand in `run.json` as it was given?
+    decides: does it decide what is in the folder, so that a run with another value is another run?
+    """
+
+    help: str
+    kind: Kind
+    choices: tuple[str, ...] = ()
+    least: int = 1
+    metavar: str | None = None
+    shown: str | None = None
+    asked: bool = True
+    decides: bool = False
+
+
+def option(kind: Kind, help: str, default: Any = MISSING, **known: Any) -> Any:
+    """A field of a dataclass that is an option. known: as in `Option`."""
+    return field(default=default, metadata={"option": Option(help, kind, **known)})
+
+
+def options_in(owner: Any) -> dict[str, Option]:
+    """The options among the fields of a dataclass, by name."""
+    return {f.name: f.metadata["option"] for f in fields(owner) if "option" in f.metadata}
+
+
+def check_options(given: Any) -> None:
+    """Refuse what the command line refuses by itself. Raises InputError."""
+    for name, known in options_in(given).items():
+        value, flag = getattr(given, name), f"--{name.replace('_', '-')}"
+        if known.choices and value not in known.choices:
+            raise InputError(f"{flag} {value}: expected {', '.join(known.choices)}")
+        if known.kind in ("count", "number") and value is not None and value < known.least:
+            raise InputError(f"{flag} {value:g}: expected at least {known.least}")
+
+
+def from_python(owner: Any, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Values of options by name, as a dataclass takes them. Raises InputError for a value that is none of its kind."""
+    known = options_in(owner)
+    return {name: _value(name, known[name], value) for name, value in given.items()}
+
+
+def _value(name: str, known: Option, value: Any) -> Any:
+    if value is None and known.kind != "types":
+        return None
+    match known.kind:
+        case "types":
+            return type_words(name, value)
+        case "count":
+            return whole_number(name, value)
+        case "number":
+            return number_of(name, value, known.least)
+        case "flag":
+            return switch(name, value)
+        case "folder":
+            return path_of(name, value)
+        case "text" if isinstance(value, Path):
+            return expanded_text(str(value))
+        case "text" | "city":
+            return expanded_text(text(name, value))
+        case _:
+            return value
+
+
+def toml_section(path: Path, name: str) -> Any:
+    """A section of a TOML file, {} where there is none. Raises InputError for what is no TOML."""
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8")).get(name, {})
+    except FileNotFoundError:
+        return {}
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: is not TOML ({error})") from None
 
 
 @contextmanager

@@ -12,10 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.core.errors import InputError
+from tsbench.run.arguments import option
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import known_map_ids
 from tsbench.scenarios.spec import HALVES, ScenarioSpec
 from tsbench.scenarios.store import check_files
+from tsbench.scenarios.table import SPLITS
 from tsbench.signs.catalog import Catalog
 
 # With what the drawn ones are drawn of each of.
@@ -35,12 +37,29 @@ class Request:
     WHICH_HALVES.
     """
 
-    planners: tuple[str, ...]
-    split: str
-    types: tuple[str, ...] = ()
-    limit: int | None = None
-    variants: str = "all"
-    half: str = BOTH
+    planners: tuple[str, ...] = option("planners", "Planner to run")
+    split: str = option("split", "Scenario table.", choices=SPLITS, decides=True)
+    types: tuple[str, ...] = option("types", "Scenario types and groups; default: all.", (), decides=True)
+    limit: int | None = option(
+        "count",
+        "Scenarios for each planner, no pair in part: types in turn, nominal ones first; of drawn ones any.",
+        None,
+        decides=True,
+    )
+    variants: str = option(
+        "choice",
+        "The nominal variant, all, or one drawn for each map, or type: a quick look.",
+        "all",
+        choices=VARIANTS,
+        decides=True,
+    )
+    half: str = option(
+        "choice",
+        "Of contrast pairs: the signed half (with what has no pair), the contrast half, or both.",
+        BOTH,
+        choices=WHICH_HALVES,
+        decides=True,
+    )
 
 
 @dataclass(frozen=True)

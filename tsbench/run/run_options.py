@@ -1,9 +1,9 @@
-"""The options of a run, for the command line, Python, tsbench.toml, `run.json` and the workers."""
+"""The options of a run, for the command line, Python, tsbench.toml, campaigns, `run.json` and the workers."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
@@ -12,56 +12,91 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import OWN_CITY
 from tsbench.episode.perception_level import EXACT, Perception, load_level
 from tsbench.planners.batching import DEVICES
+from tsbench.run.arguments import check_options, option, options_in
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import EXECUTORS
 from tsbench.run.execution.messages import RUNNER
+from tsbench.run.listener import KNOWN, Listener
 from tsbench.run.log.manifest import plain_perception
 from tsbench.run.plan import BOTH, TRACES, Request, RunPlan
-from tsbench.scenarios.table import SPLITS
 
-LEAST_MEMORY_MB = 512
+# Left out of `effective` where they have their default: they are younger than the first runs.
+_QUIET = ("city", "isolate")
 
 
 @dataclass(frozen=True)
-class Options:
-    """Everything that `tsbench run` takes. workers: processes, None = one for each core. out: None = a name below
-    `runs/`. executor: one of `local.EXECUTORS`.
+class RunOptions(Request):
+    """Everything that `tsbench run` takes; a new option is one field.
 
-    city: whose data set is in use. perception: a level's name or file.
-    isolate: planners in processes of their own; image: in containers of this image.
-
-    overwrite: a run that is in the folder is removed first. allow_partial: aggregate over holes too. limits: how long a
-    worker may be silent and how large it may become.
-    runner is for tests: what runs an episode in a worker.
+    out: None = a name below `runs/`.
+    limits: of workers, beside `memory_limit`; for tests, as `runner`, what runs an episode in a worker.
     """
 
-    request: Request
-    city: str = OWN_CITY
-    workers: int | None = None
-    executor: str = "local"
-    out: Path | None = None
-    trace: str = "violations"
-    device: str = "cpu"
-    mask_signs: bool = False
-    perception: str = EXACT
-    isolate: bool = False
-    image: str | None = None
-    overwrite: bool = False
-    allow_partial: bool = False
+    city: str = option("city", "", OWN_CITY, asked=False, decides=True)
+    workers: int | None = option("count", "Cores to use.", None, shown="all")
+    memory_limit: float = option(
+        "number",
+        "Most that a worker, with all that its planner has started, may take in an episode.",
+        Limits.most_memory,
+        least=512,
+        metavar="MB",
+        decides=True,
+    )
+    executor: str = option(
+        "choice",
+        "Where: on this machine, or on the Ray cluster that RAY_ADDRESS names.",
+        "local",
+        choices=EXECUTORS,
+    )
+    out: Path | None = option(
+        "folder", "Run folder; one with part of the same run is continued. Default: below runs/.", None
+    )
+    trace: str = option(
+        "choice",
+        "Episodes to keep tick by tick: none, those with a violation or without success, all.",
+        "violations",
+        choices=TRACES,
+        decides=True,
+    )
+    device: str = option("choice", "For learned planners.", "cpu", choices=DEVICES, decides=True)
+    isolate: bool = option(
+        "flag",
+        "Run planners in processes of their own, out of reach of data, run and referee.",
+        False,
+        decides=True,
+    )
+    image: str | None = option(
+        "text",
+        "Run isolated planners in containers of this image, by Docker or Podman: docs/isolation.md.",
+        None,
+        metavar="IMAGE",
+        asked=False,
+    )
+    mask_signs: bool = option("flag", "Remove sign identity from what planners see.", False)
+    perception: str = option(
+        "text",
+        "How well planners perceive plates: a level, or a YAML file with the fields of one.",
+        EXACT,
+        metavar="exact|good|production|poor|FILE",
+    )
+    overwrite: bool = option(
+        "flag", "Remove the run that is in the folder, and drive all of it again.", False, asked=False
+    )
+    allow_partial: bool = option(
+        "flag", "Take what has missing records too; the title says so.", False, asked=False
+    )
+    listeners: tuple[str | Listener, ...] = option(
+        "listeners",
+        f"Who is told how the run goes, such as a tracker: {', '.join(KNOWN)}, or one of your own.",
+        (),
+        asked=False,
+    )
     limits: Limits = field(default_factory=Limits)
     runner: str = RUNNER
 
     def check(self) -> None:
         """Refuse what the command line refuses by itself, for callers from Python. Raises InputError."""
-        names, known = ("split", "trace", "device", "executor"), (SPLITS, TRACES, DEVICES, EXECUTORS)
-        values = (self.request.split, self.trace, self.device, self.executor)
-        for name, value, choices in zip(names, values, known, strict=True):
-            if value not in choices:
-                raise InputError(f"--{name} {value}: expected {', '.join(choices)}")
-        least = {"workers": (self.workers, 1), "memory-limit": (self.limits.most_memory, LEAST_MEMORY_MB)}
-        for name, (number, bound) in least.items():
-            if number is not None and number < bound:
-                raise InputError(f"--{name} {number:g}: expected at least {bound}")
+        check_options(self)
         if self.isolate and (self.executor != "local" or self.device != "cpu"):
             raise InputError(
                 "--isolate: planners are isolated on this machine and its CPU: leave out --executor and --device"
@@ -71,47 +106,34 @@ class Options:
         """How plates reach the planners. Raises InputError for no level."""
         return Perception(self.mask_signs, load_level(self.perception))
 
+    def of_workers(self) -> Limits:
+        """The limits of workers."""
+        return replace(self.limits, most_memory=self.memory_limit)
+
     def folder_name(self, names: Sequence[str], contract: str) -> str:
         """Folder name of a run without `--out`; runs that differ in their selection do not meet in one folder."""
-        request = self.request
         shown = [*names[:3], *([f"and-{len(names) - 3}-more"] if len(names) > 3 else [])]
-        parts = ["+".join(quote(name, safe="") for name in shown), request.split]
-        parts += ["+".join(request.types)] if request.types else []
-        parts += [f"variants-{request.variants}"] if request.variants != "all" else []
-        parts += [f"{request.half}-half"] if request.half != BOTH else []
-        parts += [f"limit-{request.limit}"] if request.limit is not None else []
+        parts = ["+".join(quote(name, safe="") for name in shown), self.split]
+        parts += ["+".join(self.types)] if self.types else []
+        parts += [f"variants-{self.variants}"] if self.variants != "all" else []
+        parts += [f"{self.half}-half"] if self.half != BOTH else []
+        parts += [f"limit-{self.limit}"] if self.limit is not None else []
         parts += ["masked"] if self.mask_signs else []
         parts += [] if self.perception == EXACT else [f"eyes-{quote(Path(self.perception).stem, safe='')}"]
         return "-".join([*parts, contract[:8]])
 
     def plain(self) -> dict[str, Any]:
         """What was asked, as it stands in a manifest."""
-        return {
-            **asdict(self.request),
-            "workers": self.workers,
-            "executor": self.executor,
-            "out": None if self.out is None else str(self.out),
-            "trace": self.trace,
-            "device": self.device,
-            "mask_signs": self.mask_signs,
-            **({} if self.perception == EXACT else {"perception": self.perception}),
-            "isolate": self.isolate,
-            "memory_limit": self.limits.most_memory,
-        }
+        asked = {name: getattr(self, name) for name, known in options_in(self).items() if known.asked}
+        asked["out"] = None if self.out is None else str(self.out)
+        if self.perception == EXACT:
+            del asked["perception"]
+        return asked
 
     def resolved(self, plan: RunPlan, perception: Perception) -> dict[str, Any]:
         """What the options came to, as far as it decides what stands in the folder."""
-        return {
-            **({} if self.city == OWN_CITY else {"city": self.city}),
-            "split": plan.request.split,
-            "types": list(plan.types),
-            "variants": plan.request.variants,
-            "half": plan.request.half,
-            "limit": plan.request.limit,
-            "scenarios": len(plan.scenarios),
-            "trace": self.trace,
-            "device": self.device,
-            **plain_perception(perception),
-            **({"isolate": True} if self.isolate else {}),
-            "memory_limit": self.limits.most_memory,
-        }
+        default = {f.name: f.default for f in fields(self)}
+        values = {name: getattr(self, name) for name, known in options_in(self).items() if known.decides}
+        told = {name: v for name, v in values.items() if name not in _QUIET or v != default[name]}
+        told |= {"types": list(plan.types), "scenarios": len(plan.scenarios)}
+        return told | plain_perception(perception)

@@ -34,7 +34,7 @@ from tsbench.run.log.tables import read_table, write_tables
 from tsbench.run.opened_files import what_is_unseen
 from tsbench.run.plan import Request, make_plan
 from tsbench.run.planner_info import PlannerInfo, SandboxedPlanner, check_unchanged_since, code_hash_of
-from tsbench.run.run_options import Options
+from tsbench.run.run_options import RunOptions
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
 
@@ -74,7 +74,7 @@ class RunResult:
     summary: Summary | None
 
 
-def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listener] = ()) -> RunResult:
+def run(options: RunOptions, watcher: ProgressListener, listeners: Sequence[Listener] = ()) -> RunResult:
     """Run, or continue, what the options ask for.
 
     Raises InputError: wrong options, bad input, or a folder that cannot be used; finished episodes are kept.
@@ -82,14 +82,14 @@ def run(options: Options, watcher: ProgressListener, listeners: Sequence[Listene
     options.check()
     options, code = _in_image(options), code_stamps()
     data = DataSet.named(options.city)
-    plan = make_plan(options.request, data)
+    plan = make_plan(options, data)
     perception = options.perceived()
     contract = standing_contract(contract_hash(plan.table, data.catalog))
     effective = options.resolved(plan, perception)
     if options.out is not None and not options.overwrite:
         check_folder(options.out, contract, effective)
-    episodes = len(plan.scenarios) * len(options.request.planners)
-    with make_executor(options.executor, options.workers, episodes, options.limits) as pool:
+    episodes = len(plan.scenarios) * len(options.planners)
+    with make_executor(options.executor, options.workers, episodes, options.of_workers()) as pool:
         out = None if options.out is None else options.out.resolve()
         hidden = tuple(str(path) for path in (out, Path("runs").resolve()) if path is not None)
         # Before a line of their code runs.
@@ -167,16 +167,14 @@ def _changed_meanwhile(
     return None
 
 
-def _in_image(options: Options) -> Options:
+def _in_image(options: RunOptions) -> RunOptions:
     """Planners' specifications with their image, so that the run can be repeated in it."""
     if options.image is None:
         return options
     if not options.isolate:
         raise InputError(f"--image {options.image}: planners run in an image isolated only: add --isolate")
-    planners = tuple(
-        str(PlannerSpec.parse(spec).in_image(options.image)) for spec in options.request.planners
-    )
-    return replace(options, request=replace(options.request, planners=planners))
+    planners = tuple(str(PlannerSpec.parse(spec).in_image(options.image)) for spec in options.planners)
+    return replace(options, planners=planners)
 
 
 def probe(pool: Executor, request: Request, device: str = "cpu") -> tuple[PlannerInfo, ...]:
@@ -236,7 +234,7 @@ def _nothing_to_do(folder: RunFolder) -> str:
     )
 
 
-def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], options: Options) -> RunResult:
+def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], options: RunOptions) -> RunResult:
     """How the run stands, from what its table of episodes says; no figures over holes unless asked for."""
     # Statistics take long to import, and nothing before the end needs them.
     contract = standing_contract(folder.manifest["contract"])

@@ -24,8 +24,7 @@ from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.run.execution.executor import Limits
 from tsbench.run.log.tables import read_table
-from tsbench.run.plan import Request
-from tsbench.run.run_options import Options
+from tsbench.run.run_options import RunOptions
 from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import run
 
@@ -119,11 +118,12 @@ LARGE = ("Gorges", "ChildGorges")
 
 def rows_of(out: Path, names: tuple[str, ...], limits: Limits) -> dict[str, dict[str, Any]]:
     """Of each planner the row of its one episode."""
-    request = Request(tuple(f"{FILE}:{name}" for name in names), "dev", ("main_road",), 1, "all", "signed")
-    run(
-        Options(request, workers=2, out=out, isolate=True, limits=limits, trace="none"),
-        ProgressWatcher(Console(quiet=True)),
-    )
+    specs = tuple(f"{FILE}:{name}" for name in names)
+    asked = RunOptions(
+        specs, "dev", ("main_road",), 1, half="signed", workers=2, out=out, isolate=True, limits=limits,
+        memory_limit=limits.most_memory, trace="none",
+    )  # fmt: skip
+    run(asked, ProgressWatcher(Console(quiet=True)))
     # Whatever became of them, nothing of them runs any more.
     left = [
         p
