@@ -40,12 +40,12 @@ def evaluate(planner: Given | Sequence[Given] = (), **options: Any) -> Run:
     _SIGNATURE.bind(planner, **options)
     with keywords():
         given = {"planners": planner, **options} if planner != () else options
-        given = {**_from_file(given), **given}
-        if given.get("split") is None:
+        values = {**_from_file(given), **from_python(RunOptions, given)}
+        if values.get("split") is None:
             raise InputError("split: name one (split=…), here or in the section [run] of tsbench.toml")
-        planners = given.get("planners", ())
+        planners = values.get("planners", ())
         planners = planners if isinstance(planners, list | tuple) else [planners]
-        values = from_python(RunOptions, given) | {"planners": tuple(map(spec_of, planners))}
+        values["planners"] = tuple(map(spec_of, planners))
         told = listeners_of(values.get("listeners", ()))
         values["city"] = DataSet.driven(values.get("city")).name
         return Run(run(RunOptions(**values), ProgressWatcher(progress_console()), told).folder)
@@ -76,10 +76,13 @@ def _from_file(given: Mapping[str, Any]) -> dict[str, Any]:
         raise InputError(
             f"{TOML}: [run] {unknown[0]}: no such option; there are {', '.join(options_in(RunOptions))}"
         )
-    missing = {name: value for name, (_, value) in found.items() if given.get(name) is None}
+    missing = {name: value for name, (_, value) in found.items() if name not in given}
     if missing:
         print(f"{TOML}: {', '.join(found[name][0] for name in missing)}", file=sys.stderr)
-    return missing
+    try:
+        return from_python(RunOptions, missing)
+    except InputError as problem:
+        raise InputError(f"{TOML}: [run] {problem}") from None
 
 
 def spec_of(planner: Given) -> str:

@@ -64,16 +64,6 @@ def options_in(owner: Any) -> dict[str, Option]:
     return {f.name: f.metadata["option"] for f in fields(owner) if "option" in f.metadata}
 
 
-def check_options(given: Any) -> None:
-    """Refuse what the command line refuses by itself. Raises InputError."""
-    for name, known in options_in(given).items():
-        value, flag = getattr(given, name), f"--{name.replace('_', '-')}"
-        if known.choices and value not in known.choices:
-            raise InputError(f"{flag} {value}: expected {', '.join(known.choices)}")
-        if known.kind in ("count", "number") and value is not None and value < known.least:
-            raise InputError(f"{flag} {value:g}: expected at least {known.least}")
-
-
 def from_python(owner: Any, given: Mapping[str, Any]) -> dict[str, Any]:
     """Values of options by name, as a dataclass takes them. Raises InputError for a value that is none of its kind."""
     known = options_in(owner)
@@ -99,6 +89,8 @@ def _value(name: str, known: Option, value: Any) -> Any:
         case "text" | "city":
             return expanded_text(text(name, value))
         case _:
+            if known.choices and value not in known.choices:
+                raise InputError(f"{name} {value}: expected {', '.join(known.choices)}")
             return value
 
 

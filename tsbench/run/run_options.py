@@ -12,7 +12,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import OWN_CITY
 from tsbench.episode.perception_level import EXACT, Perception, load_level
 from tsbench.planners.batching import DEVICES
-from tsbench.run.arguments import check_options, option, options_in
+from tsbench.run.arguments import option, options_in
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import EXECUTORS
 from tsbench.run.execution.messages import RUNNER
@@ -95,8 +95,7 @@ class RunOptions(Request):
     runner: str = RUNNER
 
     def check(self) -> None:
-        """Refuse what the command line refuses by itself, for callers from Python. Raises InputError."""
-        check_options(self)
+        """Refuse options that do not go together. Raises InputError."""
         if self.isolate and (self.executor != "local" or self.device != "cpu"):
             raise InputError(
                 "--isolate: planners are isolated on this machine and its CPU: leave out --executor and --device"
