@@ -2,7 +2,7 @@
 
 A planner is named by a registered name (entry-point group `tsbench.planners`), `pkg.module:Attribute` or
 `file.py:Attribute`; the attribute is a class with `reset` and `act`, or a function `observation -> Control`. With
-`nuplan:` before it, it makes a planner of nuPlan's protocol, and may have arguments: see `adapters.nuplan`. With `-e`
+`nuplan:` before it, it makes a planner of nuPlan's protocol, and may have arguments: see `bridges.nuplan`. With `-e`
 behind it, it is the expert that this planner makes: see `planners.experts.expert`.
 """
 
