@@ -65,7 +65,7 @@ def options_in(owner: Any) -> dict[str, Option]:
 
 
 def from_python(owner: Any, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Values of options by name, as a dataclass takes them. Raises InputError for a value that is none of its kind."""
+    """Values of options by name, as a dataclass takes them. Raises InputError for a value of another kind."""
     known = options_in(owner)
     return {name: _value(name, known[name], value) for name, value in given.items()}
 
@@ -95,7 +95,7 @@ def _value(name: str, known: Option, value: Any) -> Any:
 
 
 def toml_section(path: Path, name: str) -> Any:
-    """A section of a TOML file, {} where there is none. Raises InputError for what is no TOML."""
+    """A section of a TOML file, {} where it is missing. Raises InputError for what is no TOML."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8")).get(name, {})
     except FileNotFoundError:

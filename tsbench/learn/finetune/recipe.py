@@ -16,8 +16,8 @@ from tsbench.learn.finetune.targets import FinetuneSampling
 from tsbench.learn.imitation.drives import EpisodeDrive
 from tsbench.learn.imitation.recipe import TrainingRecipe, driven_in_turn, in_turn, kept_for_validation
 from tsbench.learn.oracle.trajectories import stream_trajectories
+from tsbench.learn.plant2.layout import size_of
 from tsbench.learn.plant2.planner_ft import Plant2Blind, Plant2Ft
-from tsbench.learn.plant2.sizes import size_of
 from tsbench.learn.plant2.vocabulary import Vocabulary, vocabulary_of, vocabulary_of_catalog
 from tsbench.planners.weights import Network, network
 from tsbench.scenarios.data_set import DataSet

@@ -10,9 +10,8 @@ from tsbench.learn.finetune.recipe import FineTuning, finetune_drives
 from tsbench.learn.finetune.targets import FAMILIES
 from tsbench.learn.imitation.recipe import validation_rows
 from tsbench.learn.imitation.task import ImitationTask, Integers
-from tsbench.learn.plant2.layout import Records
+from tsbench.learn.plant2.layout import SIZES, Records, size_of
 from tsbench.learn.plant2.plant2_network import Plant2FtNetwork, Plant2Network
-from tsbench.learn.plant2.sizes import SIZES, size_of
 from tsbench.learn.plant2.torch_inference import network_of
 from tsbench.learn.plant2.vocabulary import Vocabulary
 from tsbench.planners.weights import fitted

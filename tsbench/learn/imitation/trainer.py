@@ -21,7 +21,7 @@ from torch.nn import functional
 from torch.utils.tensorboard import SummaryWriter
 
 from tsbench.core.seeds import rng_of, seed_of
-from tsbench.learn.checkpoint import load_checkpoint, save_checkpoint
+from tsbench.learn.checkpoint import command_line, load_checkpoint, prepare, save_checkpoint
 from tsbench.learn.imitation.frames_store import FrameStore, TrainingResources
 from tsbench.learn.imitation.recipe import TrainingRecipe
 from tsbench.learn.imitation.skill import Skill, measure
@@ -31,7 +31,6 @@ from tsbench.learn.plant2 import layout as at
 from tsbench.learn.plant2.layout import Records
 from tsbench.learn.plant2.plant2_network import NetworkPlan, Plant2Network
 from tsbench.learn.plant2.torch_inference import tensors
-from tsbench.learn.start import command_line, prepare
 from tsbench.planners.weights import Network, network, save_weights
 
 # So that no term drowns the others: a good path is wrong by centimetres, a good speed still by a quarter of a nat.

@@ -20,7 +20,7 @@ from tsbench.learn.networks.convolution import Parameters
 from tsbench.learn.networks.fixed_point import BITS, SUM_BITS, Curve, Linear, gelu, snap, softmax, tree_sum
 from tsbench.learn.plant2 import layout as at
 from tsbench.learn.plant2.embedding import Embedding
-from tsbench.learn.plant2.sizes import PATH, QUERIES, SIZES, SPEED, WAYPOINT
+from tsbench.learn.plant2.layout import PATH, QUERIES, SIZES, SPEED, WAYPOINT
 
 _SHARE_BITS = 24
 _SPEEDS = np.array(at.SPEEDS)

@@ -9,7 +9,7 @@ from tsbench.geometry.polyline import Array
 from tsbench.learn.networks.convolution import LARGEST, Convolution, Parameters, rectified
 from tsbench.learn.networks.fixed_point import Linear, gelu
 from tsbench.learn.plant2 import layout as at
-from tsbench.learn.plant2.sizes import TILE
+from tsbench.learn.plant2.layout import TILE
 
 _FULL = 255
 

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor, nn
 
 from tsbench.learn.plant2 import layout as at
-from tsbench.learn.plant2.sizes import PATH, QUERIES, SIZES, SPEED, TILE, TILE_FEATURES, WAYPOINT
+from tsbench.learn.plant2.layout import PATH, QUERIES, SIZES, SPEED, TILE, TILE_FEATURES, WAYPOINT
 from tsbench.learn.plant2.vocabulary import vocabulary_of
 
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from tsbench.geometry.polyline import Array
 from tsbench.learn.plant2.engine import Plant2Engine
-from tsbench.learn.plant2.layout import RANGE_M, TOKENS, Record, Records
-from tsbench.learn.plant2.sizes import size_of
+from tsbench.learn.plant2.layout import RANGE_M, TOKENS, Record, Records, size_of
 from tsbench.learn.plant2.tokens import Tokeniser, to_frame
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.batching import Infer, check_device

@@ -16,13 +16,13 @@ from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
 
 import tsbench.learn.envs
 from tsbench.core.errors import SimulationError
+from tsbench.learn.checkpoint import command_line, keep_freed_memory, prepare
 from tsbench.learn.learning_curve import draw_rl
 from tsbench.learn.rl.actions import HOLD_TICKS
 from tsbench.learn.rl.dagger import DaggerWrapper, warm_up
 from tsbench.learn.rl.policy import actor_tensors, policy_of
 from tsbench.learn.rl.ppo_config import HYPER, Hyper, Job
 from tsbench.learn.rl.progress import ProgressCallback, RlProgress, load_progress, save_progress, session_seed
-from tsbench.learn.start import command_line, keep_freed_memory, prepare
 from tsbench.planners.weights import Network, save_weights
 
 _CHECKPOINT_S = 60.0
