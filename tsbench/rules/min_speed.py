@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from tsbench.rules.monitor import Monitor, Verdict
+from tsbench.rules.monitor import Monitor, Verdict, Zone
 from tsbench.rules.open_speed import Leaders
 from tsbench.rules.speed import KMH_PER_MPS
-from tsbench.rules.zone import Zone
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.scene import Scene

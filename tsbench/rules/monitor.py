@@ -1,16 +1,18 @@
-"""What a monitor is, and what it says. Source: docs/rules.md, "Verdict"."""
+"""What a monitor is, and what it says; the zone of a plate. Source: docs/rules.md, "Verdict"."""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
 
+from tsbench.core.errors import InputError
 from tsbench.rules.events import EventLog, Excursion, Verdict, Violation
 from tsbench.rules.lines import ApproachLine, Road
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
+from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.scene import Scene
-from tsbench.sim.world import WorldSnapshot
+from tsbench.sim.world import EgoState, WorldSnapshot
 
 __all__ = ["Monitor", "Verdict", "Violation", "require_finite"]
 
@@ -73,3 +75,31 @@ def require_finite(snapshot: WorldSnapshot) -> None:
     ego = snapshot.ego
     if not math.isfinite(ego.x + ego.y + ego.heading + ego.speed):
         raise ValueError(f"step {snapshot.step}: the ego's state is not finite ({ego})")
+
+
+class Zone:
+    """A stretch of road that a plate rules. start, end: m along `road`."""
+
+    def __init__(self, monitor: Monitor) -> None:
+        sign, scene = monitor.sign, monitor.scene
+        edges = sign.params_as(ZoneParams).zone_edges
+        where = f"{scene.additional}: sign {sign.id!r}"
+        self.road = monitor.road(edges, sign.lane)
+        self.start = sign.position_m
+        self.end = self.road.length
+        plate = _end_plate(sign, scene.signs)
+        if plate is not None:
+            if plate.edge not in self.road.starts:
+                raise InputError(f"{where}: its end plate {plate.id!r} is not on an edge of its zone")
+            self.end = self.road.starts[plate.edge] + plate.position_m
+        if not self.start < self.end:
+            raise InputError(f"{where}: its zone ends before it starts")
+
+    def front(self, ego: EgoState) -> float | None:
+        """Metres of the ego's front past the plate's line; None where it is outside the zone."""
+        front = self.road.front(ego)
+        return front - self.start if front is not None and self.start < front <= self.end else None
+
+
+def _end_plate(sign: SignInstance, signs: tuple[SignInstance, ...]) -> SignInstance | None:
+    return next((s for s in signs if s.ends == sign.id), None)

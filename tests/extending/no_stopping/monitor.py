@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from tsbench.rules.monitor import Monitor
-from tsbench.rules.zone import Zone
+from tsbench.rules.monitor import Monitor, Zone
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.scene import Scene
