@@ -25,7 +25,7 @@ SECTIONS = {
         "view": ("tsbench.cli.report:view", "Look at runs in a browser on this machine."),
         "render": ("tsbench.cli.episodes:render", "Draw episodes of a run as PNG, GIF or MP4."),
         "analyse": ("tsbench.cli.analyse:analyse", "The paper's tables and figures from runs."),
-        "rescore": ("tsbench.cli.run:rescore", "Judge a run again from its traces and compare."),
+        "rescore": ("tsbench.cli.run:rescore", "Recompute all verdicts from the saved traces."),
         "export": ("tsbench.cli.episodes:export", "Write episodes as CommonRoad XML or MCAP."),
         "submit": ("tsbench.cli.leaderboard:submit", "Make one file of a run, for the leaderboard."),
         "verify": ("tsbench.cli.leaderboard:verify", "Drive a claim's episodes again and compare."),

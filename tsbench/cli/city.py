@@ -220,7 +220,7 @@ def build(types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
 @options.city_name
 @options.osm
 def write_surfaces(osm_dir: Path | None) -> None:
-    """Write what lies around a built city's roads, for pictures: buildings, greenery, water of its extracts."""
+    """Add buildings, greenery and water to the pictures of a built city, from its extracts."""
     from tsbench.make.maps.ground import write_ground
 
     path, maps = write_ground(osm_dir or sources_dir())

@@ -183,7 +183,7 @@ EPISODE_METRICS = (
     ),
     Metric(
         "sign_engaged", bool, lambda e: e.target.engaged,
-        "the rule bound the ego at least once; an episode without is neither pass nor fail of the rule",
+        "the rule bound the ego at least once; if not, the episode counts neither as pass nor as failure of it",
         "engaged", "%", 100.0, head="engag.", about_rule=True,
     ),
     Metric(

@@ -178,7 +178,7 @@ def _errors(results: list[EpisodeResult]) -> list[Finding]:
         first = next(r for r in bad if (r.outcome, r.error) == (outcome, error))
         what = {
             Outcome.PLANNER_ERROR: "raised",
-            Outcome.INVALID_OUTPUT: "returned what is no command",
+            Outcome.INVALID_OUTPUT: "returned an invalid command",
             Outcome.PLANNER_TIMEOUT: "took too long",
         }.get(outcome, "met an error that is not its own")
         level = Level.NOTE if outcome is Outcome.SIM_ERROR else Level.PROBLEM

@@ -95,7 +95,7 @@ def test_planners_of_a_partial_run_that_rest_on_different_numbers() -> None:
 def test_metrics_that_apply_to_fewer_episodes_say_so() -> None:
     rows = [row(map_id=f"m{k}", efficiency=90.0 if k < 6 else None) for k in range(8)]
     summary = summarise(records(rows), contract_hash="c", asked={"idm": 8})
-    assert "idm: of 8 completed episodes these metrics apply to fewer: efficiency 6" in printed(summary)
+    assert "idm: efficiency could be computed for 6 of 8 completed episodes" in printed(summary)
 
 
 def test_partial_figures_say_so_first() -> None:

@@ -169,8 +169,8 @@ def _warnings(p: PlannerSummary) -> Iterator[str]:
         yield f"{p.recorded - p.completed} error outcomes ({named}), causes in errors/"
     fewer = {name: n for name in _METRICS if (n := p.metrics[name].completed.n) < p.completed}
     if fewer:
-        named = ", ".join(f"{name} {n}" for name, n in fewer.items())
-        yield f"of {p.completed} completed episodes these metrics apply to fewer: {named}"
+        named = ", ".join(f"{name} could be computed for {n}" for name, n in fewer.items())
+        yield f"{named} of {p.completed} completed episodes"
     for part, scores in p.scores.items():
         if scores.overall.main.value is not None and scores.overall.main.low is None:
             yield f"no interval for the overall {NAMES[part]}: {scores.overall.main.reason}"
