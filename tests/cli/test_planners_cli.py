@@ -123,7 +123,9 @@ def test_measurements_become_words() -> None:
     leaky = DriveSample([result(moved)] * 10, memory=[10**7 * k for k in range(1, 11)])
     assert told(leaky, "memory")[0][0] is Level.PROBLEM
     wrong = DriveSample([result(steady[:0], Outcome.INVALID_OUTPUT, "act returned NoneType")])
-    assert "returned an invalid command in 1 of 1 scenes: act returned NoneType" in told(wrong, "output")[0][1]
+    assert (
+        "returned an invalid command in 1 of 1 scenes: act returned NoneType" in told(wrong, "output")[0][1]
+    )
 
 
 def test_each_scene_that_was_not_reached_has_its_command() -> None:
