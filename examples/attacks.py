@@ -148,9 +148,7 @@ class Rushes(Idm):
     """As fast as the car can, through bends as well: those with priority then come too late to be in its way."""
 
     floor, sign_access = True, False
-    manner = IdmParameters(
-        speed_factor=9.0, top_speed=MAX_SPEED_MPS, accel=30.0, decel=5.0, lateral=9.0, slowing=6.0
-    )
+    manner = IdmParameters(speed_factor=9.0, top_speed=MAX_SPEED_MPS, accel=30.0, decel=5.0, lateral=9.0, slowing=6.0)
 
     def __init__(self) -> None:
         super().__init__(self.manner)
@@ -168,9 +166,7 @@ class Hastens(Rushes):
 class Presses(Rushes):
     """A little above the limit, late on its brakes, and as fast as the car can from its line on."""
 
-    manner = IdmParameters(
-        speed_factor=9.0, top_speed=MAX_SPEED_MPS, accel=30.0, decel=3.0, lateral=4.0, slowing=3.0
-    )
+    manner = IdmParameters(speed_factor=9.0, top_speed=MAX_SPEED_MPS, accel=30.0, decel=3.0, lateral=4.0, slowing=3.0)
     above_mps, behind_m = 0.95, 3.0
 
     def reset(self, context: PlannerContext) -> None:
@@ -205,9 +201,7 @@ class Brushes:
         if abs(apart) > 1.0 or route.path is not self._path:
             return command
         x, y = route.path.line.point_at(route.s + self.ahead_m, d * (1.0 - apart**2))
-        return Control(
-            min(command.acceleration, self.most_mps - ego.speed), pursue(ego.x, ego.y, ego.heading, x, y)
-        )
+        return Control(min(command.acceleration, self.most_mps - ego.speed), pursue(ego.x, ego.y, ego.heading, x, y))
 
     def _nearest_mouth(self, seen: Observation) -> tuple[float, float] | None:
         """Where an exit begins that the way leaves aside: its place along the way and beside it."""

@@ -30,12 +30,7 @@ TIME, LEAST, PATIENCE_S = 0.005, 0.1, 12.0
 SIGNED_FIRST = 20_000  # decisions of each process
 # Logarithm of each action's first standard deviation: speed (in routing: acceleration), place beside the route, exit.
 # With SB3's 0 the first policy swerves; with a narrow first number it never finds out what braking is worth.
-WIDTHS = {
-    "priority": (-0.8, -2.0),
-    "speed": (-0.5, -2.0),
-    "obstacles": (-0.8, -0.8),
-    "routing": (-0.8, -2.0, -1.4),
-}
+WIDTHS = {"priority": (-0.8, -2.0), "speed": (-0.5, -2.0), "obstacles": (-0.8, -0.8), "routing": (-0.8, -2.0, -1.4)}
 SHOWN = 400  # episodes in each row of the curve
 EVERY_S = 60.0
 COLUMNS = ("steps", "episodes", "scd", "scd_signed", "scd_contrast", "arrived")
@@ -88,11 +83,7 @@ def draw(table: Path, picture: Path) -> None:
     figure = Figure(figsize=(6.0, 3.2), layout="constrained")
     axes = figure.subplots()
     for name in COLUMNS[2:]:
-        axes.plot(
-            [int(r["steps"]) / 1e6 for r in rows],
-            [float(r[name]) for r in rows],
-            label=name.replace("_", ", "),
-        )
+        axes.plot([int(r["steps"]) / 1e6 for r in rows], [float(r[name]) for r in rows], label=name.replace("_", ", "))
     axes.set(xlabel="million decisions", ylabel=f"% of the last {SHOWN} training episodes", ylim=(0, 100))
     axes.legend(frameon=False)
     figure.savefig(picture, dpi=120)
@@ -139,9 +130,7 @@ def steps_of(table: Path) -> int:
 def make(group: str, begun: int) -> gymnasium.Env:  # type: ignore[type-arg]
     action = "exit" if group == "routing" else "cruise"
     seen = "scene" if group == "routing" else "plates"
-    environment = gymnasium.make(
-        tsbench.learn.envs.DRIVE, types=group, observation=seen, action=action, hold=HOLD
-    )
+    environment = gymnasium.make(tsbench.learn.envs.DRIVE, types=group, observation=seen, action=action, hold=HOLD)
     return Strict(environment, begun)
 
 

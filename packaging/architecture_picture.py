@@ -8,10 +8,7 @@ PICTURE = ROOT.parent / "docs" / "images" / "architecture.svg"
 
 _WINGS = {
     "bench: asks, shows": ("#e6defa", {"cli", "api", "report"}),
-    "bench: drives, judges": (
-        "#cfe2ff",
-        {"run", "metrics", "episode", "planners", "rules", "scenarios", "sim"},
-    ),
+    "bench: drives, judges": ("#cfe2ff", {"run", "metrics", "episode", "planners", "rules", "scenarios", "sim"}),
     "workshops": ("#ffe2b8", {"make", "learn", "board", "bridges"}),
     "what all stand on": ("#e9ecef", {"roads", "signs", "geometry", "core"}),
 }

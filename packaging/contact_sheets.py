@@ -33,9 +33,7 @@ Panel = tuple[str, Image]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("--split", default="dev")
     parser.add_argument("--pairs", type=int, default=20, help="of each group")
@@ -69,9 +67,7 @@ def spread(
     return [pair for turn in zip_longest(*chosen) for pair in turn if pair is not None][:count]
 
 
-def _save(
-    out: Path, name: str, pairs: Sequence[tuple[ScenarioSpec, ScenarioSpec | None]], run: Path | None
-) -> None:
+def _save(out: Path, name: str, pairs: Sequence[tuple[ScenarioSpec, ScenarioSpec | None]], run: Path | None) -> None:
     panels = list(_panels(pairs, run))
     size = _COLUMNS * _ROWS
     for number, begin in enumerate(range(0, len(panels), size), 1):

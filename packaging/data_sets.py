@@ -34,19 +34,13 @@ SETS = {
             "sumo_nets/netconvert/*",
         ),
     ),
-    "sources": (
-        "the extracts of OpenStreetMap that Moscow's maps are cut from",
-        ("sumo_nets/sources/*.osm.gz",),
-    ),
+    "sources": ("the extracts of OpenStreetMap that Moscow's maps are cut from", ("sumo_nets/sources/*.osm.gz",)),
     "holdout": ("the holdout split", ("scenarios/holdout.parquet", "scenarios/scenes/holdout/*")),
     "train": ("the train split", ("scenarios/train.parquet", "scenarios/scenes/train/*")),
     **{
         city: (
             f"the city {city}: the pool, dev and test splits with certificates",
-            tuple(
-                f"cities/data/{city}/{part}"
-                for part in ("*", "sumo_nets/*", "scenarios/*", "scenarios/scenes/*/*")
-            ),
+            tuple(f"cities/data/{city}/{part}" for part in ("*", "sumo_nets/*", "scenarios/*", "scenarios/scenes/*/*")),
         )
         for city in SHIPPED_CITIES
     },

@@ -35,9 +35,7 @@ def main(count: int) -> None:
     kept: list[object] = []
     with RayExecutor(2, count, Limits()) as pool, tempfile.TemporaryDirectory() as out:
         (who,) = pool.probe(["fake_planners:Good"])
-        setup = Setup(
-            (who,), EXACTLY, "cpu", "none", out, DataSet(), "test", contract, runner="fake_runner:FakeRunner"
-        )
+        setup = Setup((who,), EXACTLY, "cpu", "none", out, DataSet(), "test", contract, runner="fake_runner:FakeRunner")
         tasks = TaskQueue(Task(k, 0, row) for k, row in enumerate(rows, start=1))
         began, wall = time.process_time(), time.monotonic()
         pool.run(setup, tasks, kept.append, lambda: False)

@@ -25,6 +25,4 @@ class Heavy:
     def act(self, observation: tsbench.Observation) -> tsbench.Control:
         self._state = self._weights @ self._state
         change = 1e-6 * float(self._state.mean())
-        return tsbench.Control(
-            max(-1.0, 5.0 - observation.ego.speed) * 0.5 + change, tsbench.pursue_route(observation)
-        )
+        return tsbench.Control(max(-1.0, 5.0 - observation.ego.speed) * 0.5 + change, tsbench.pursue_route(observation))

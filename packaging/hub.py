@@ -76,17 +76,12 @@ def tables(root: Path = ROOT) -> list[Table]:
 def _tables_of(root: Path, prefix: str, wide: Sequence[str] = WIDE) -> Iterable[Table]:
     scenarios = root / "scenarios"
     for split in SPLITS:
-        rows, scenes = (
-            scenarios / f"{split}.parquet",
-            sorted((scenarios / "scenes" / split).glob("*.parquet")),
-        )
+        rows, scenes = (scenarios / f"{split}.parquet", sorted((scenarios / "scenes" / split).glob("*.parquet")))
         if not rows.is_file():
             continue
         yield Table(f"{prefix}rows/{split}.parquet", "rows", split, (rows,))
         if split in wide:
-            yield from (
-                Table(f"{prefix}scenes/{split}/{path.name}", "scenes", split, (path,)) for path in scenes
-            )
+            yield from (Table(f"{prefix}scenes/{split}/{path.name}", "scenes", split, (path,)) for path in scenes)
         else:
             yield Table(f"{prefix}scenes/{split}.parquet", "scenes", split, tuple(scenes))
     yield Table(f"{prefix}certificates.parquet", "certificates", "", (scenarios / "certificates.parquet",))
@@ -108,8 +103,7 @@ def build(folder: Path, revision: str, published: datetime.date) -> list[str]:
     shutil.copyfile(ATTRIBUTION, folder / "ATTRIBUTION.md")
     (folder / "README.md").write_text(card(folder, laid), encoding="utf-8")
     (folder / "croissant.json").write_text(
-        json.dumps(croissant(folder, laid, revision, published), indent=1, ensure_ascii=False) + "\n",
-        encoding="utf-8",
+        json.dumps(croissant(folder, laid, revision, published), indent=1, ensure_ascii=False) + "\n", encoding="utf-8"
     )
     names = sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file())
     sums = "".join(f"{sha256_of(folder / name)}  {name}\n" for name in names)
@@ -130,10 +124,7 @@ def card(folder: Path, laid: Sequence[Table]) -> str:
     configs = "".join(
         f"- config_name: {name}\n  data_files:\n"
         + "".join(f"  - split: {t.split}\n    path: {t.name}\n" for t in laid if t.name.startswith(prefix))
-        for name, prefix in (
-            ("default", "rows/"),
-            *((city, f"cities/{city}/rows/") for city in SHIPPED_CITIES),
-        )
+        for name, prefix in (("default", "rows/"), *((city, f"cities/{city}/rows/") for city in SHIPPED_CITIES))
     )
     head = (
         "---\nlicense: odbl\npretty_name: tsbench\nlanguage:\n- en\ntask_categories:\n- robotics\n"

@@ -54,9 +54,7 @@ def correlations(runs: Sequence[str]) -> tuple[float, float]:
     return float(within[0] / within[1]), float(across[0] / across[1])
 
 
-def coverage(
-    count: Array, rate: float, correlation: float, draws: int, rng: np.random.Generator
-) -> tuple[float, bool]:
+def coverage(count: Array, rate: float, correlation: float, draws: int, rng: np.random.Generator) -> tuple[float, bool]:
     """Share of intervals that hold `rate`, and whether it can be in BAND.
 
     count: (places, types) pairs; a place's own rate differs from type to type. An interval whose ends rise with the
@@ -105,13 +103,9 @@ def main(draws: int) -> None:
     (least, most), held = BAND, [share for share, _ in every_one]
     below, above = sum(share < least for share in held), sum(share > most for share in held)
     never = sum(not can for _, can in every_one)
-    print(
-        f"of {len(held)}: {below} below {least:.0%}, {above} above {most:.0%}; no interval has {never} in between"
-    )
+    print(f"of {len(held)}: {below} below {least:.0%}, {above} above {most:.0%}; no interval has {never} in between")
     of_one, of_two = correlations(RUNS)
-    print(
-        f"intra-place correlation of {', '.join(RUNS)}: {of_one:.3f} within types, {of_two:.3f} between types"
-    )
+    print(f"intra-place correlation of {', '.join(RUNS)}: {of_one:.3f} within types, {of_two:.3f} between types")
 
 
 if __name__ == "__main__":

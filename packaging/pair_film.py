@@ -45,8 +45,7 @@ def main(run: str, pair: str, out: str, *planners: str) -> None:
     halves = [row for row in DataSet.in_use().table(SPLIT) if row.pair_id == pair]
     scenes = [load_scene(DataSet.in_use(), row) for row in halves]
     traces = [
-        [read_trace(find_trace(Path(run), f"{planner}/{row.scenario_id}")) for row in halves]
-        for planner in planners
+        [read_trace(find_trace(Path(run), f"{planner}/{row.scenario_id}")) for row in halves] for planner in planners
     ]
     pages, durations = zip(*film(halves, scenes, traces), strict=True)
     save_gif(Path(out), pages, durations)

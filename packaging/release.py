@@ -38,9 +38,7 @@ def clone_at(tag: str, folder: Path) -> str:
     said("git", "clone", "--quiet", "--depth", "1", "--branch", tag, f"file://{ROOT}", folder, cwd=ROOT)
     version = said(sys.executable, "-c", "import tsbench; print(tsbench.__version__)", cwd=folder)
     if tag != f"v{version}":
-        sys.exit(
-            f"{tag}: the code there says that it is {version}: tag v{version}, or change tsbench/__init__.py"
-        )
+        sys.exit(f"{tag}: the code there says that it is {version}: tag v{version}, or change tsbench/__init__.py")
     return said("git", "show", "--no-patch", "--format=%cs", "HEAD", cwd=folder)
 
 
@@ -66,21 +64,10 @@ def build(tag: str, out: Path) -> None:
     with tempfile.TemporaryDirectory() as temporary:
         clone = Path(temporary) / "tsbench"
         day = clone_at(tag, clone)
-        wheel = (
-            "-m",
-            "pip",
-            "wheel",
-            "--quiet",
-            "--no-deps",
-            "--no-build-isolation",
-            "--wheel-dir",
-            out / "wheels",
-        )
+        wheel = ("-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", out / "wheels")
         said(sys.executable, *wheel, ".", "./packaging/tsbench-data", cwd=clone)
         said(sys.executable, "packaging/data_sets.py", "lay-out", out / "data", cwd=clone)
-        said(
-            sys.executable, "packaging/hub.py", out / "hub", "--revision", tag, "--published", day, cwd=clone
-        )
+        said(sys.executable, "packaging/hub.py", out / "hub", "--revision", tag, "--published", day, cwd=clone)
         citation = yaml.safe_load((clone / "CITATION.cff").read_text(encoding="utf-8"))
     told = json.dumps(zenodo(citation, tag, day), indent=1, ensure_ascii=False)
     (out / "zenodo.json").write_text(told + "\n", encoding="utf-8")
@@ -95,13 +82,7 @@ def try_out(out: Path) -> str:
         place = Path(temporary)
         venv.create(place / "env", with_pip=True)
         pip = (place / "env/bin/python", "-m", "pip", "install", "--quiet")
-        said(
-            *pip,
-            "--constraint",
-            ROOT / "requirements.lock",
-            *sorted((out / "wheels").glob("*.whl")),
-            cwd=place,
-        )
+        said(*pip, "--constraint", ROOT / "requirements.lock", *sorted((out / "wheels").glob("*.whl")), cwd=place)
         # No data folder of this machine's, so that what is used is the wheel's.
         return said(
             place / "env/bin/tsbench", *_TRIAL, cwd=place, env={"PATH": "/usr/bin:/bin", "HOME": temporary}

@@ -30,9 +30,7 @@ def _lower(module: str, name: str) -> bool:
     "forbidden",
     [
         pytest.param(_lower, id="upwards"),
-        pytest.param(
-            lambda a, b: {package_of(a), package_of(b)} == {"rules", "planners"}, id="rules and planners"
-        ),
+        pytest.param(lambda a, b: {package_of(a), package_of(b)} == {"rules", "planners"}, id="rules and planners"),
         pytest.param(
             lambda a, b: a.startswith("tsbench.planners.experts") and b.startswith("tsbench.planners.floor"),
             id="experts and floors",
@@ -60,9 +58,7 @@ def test_no_class_has_the_name_of_another() -> None:
     assert {name: found for name, found in places.items() if len(found) > 1} == {}
 
 
-@pytest.mark.parametrize(
-    ("library", "owner"), [("libsumo", "tsbench.sim.sumo"), ("ray", "tsbench.run.execution.ray")]
-)
+@pytest.mark.parametrize(("library", "owner"), [("libsumo", "tsbench.sim.sumo"), ("ray", "tsbench.run.execution.ray")])
 def test_a_library_has_one_door(library: str, owner: str) -> None:
     users = [
         name

@@ -37,9 +37,7 @@ def wrong(text: str) -> str | None:
         named = not found or f"dition {IN_FORCE.name}" in text
         return None if named else f"does not name its edition, {IN_FORCE.name}"
     told = any("of an older edition" in line for line in text.splitlines()[:_FIRST_LINES])
-    return (
-        None if told else f"shows no contract of the edition in force, {IN_FORCE.name}: remove it, or say so"
-    )
+    return None if told else f"shows no contract of the edition in force, {IN_FORCE.name}: remove it, or say so"
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))

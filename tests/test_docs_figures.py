@@ -21,9 +21,7 @@ SPLITS = ("train", "dev", "holdout", "test")
 
 def cells(page: str, first: str) -> list[str]:
     """The other cells of the one row of a page's tables that begins with `first`."""
-    (line,) = re.findall(
-        rf"^\| {re.escape(first)} \| (.*) \|$", (ROOT / page).read_text(encoding="utf-8"), re.M
-    )
+    (line,) = re.findall(rf"^\| {re.escape(first)} \| (.*) \|$", (ROOT / page).read_text(encoding="utf-8"), re.M)
     return [cell.strip() for cell in re.split(r"(?<!\\)\|", line)]
 
 
@@ -61,9 +59,7 @@ def test_data_sets_are_as_large_as_the_page_says(name: str) -> None:
 
 
 def test_paths_of_data_on_the_data_card_exist() -> None:
-    named = re.findall(
-        r"`([\w/]+\.(?:parquet|json|yaml|md))`", (DOCS / "data-card.md").read_text(encoding="utf-8")
-    )
+    named = re.findall(r"`([\w/]+\.(?:parquet|json|yaml|md))`", (DOCS / "data-card.md").read_text(encoding="utf-8"))
     assert named
     there = {path.name: path for top in ("scenarios", "sumo_nets") for path in (ROOT / top).glob("*.*")}
     assert [name for name in named if not (ROOT / name).is_file() and name not in there] == []
@@ -79,7 +75,5 @@ def test_the_page_of_figures_is_that_of_the_data(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     for made in (page, *(tmp_path / "tables").iterdir()):
         committed = DOCS / made.relative_to(tmp_path)
-        assert made.read_bytes() == committed.read_bytes(), (
-            "tsbench scenarios stats --markdown docs/dataset.md"
-        )
+        assert made.read_bytes() == committed.read_bytes(), "tsbench scenarios stats --markdown docs/dataset.md"
     assert len(list((tmp_path / "tables").iterdir())) == 4

@@ -40,9 +40,9 @@ def runs() -> list[StoredRun]:
 def contract_of_test(city: str) -> str:
     """That of the edition's results."""
     with using_city(city):
-        (edition,) = [
-            e for e in (*editions(), *built_editions()) if e.name == edition_now(DataSet.in_use())
-        ] or [in_force(DataSet.in_use())]
+        (edition,) = [e for e in (*editions(), *built_editions()) if e.name == edition_now(DataSet.in_use())] or [
+            in_force(DataSet.in_use())
+        ]
         kept = edition.kept("test")
         return mirrored_contract(kept) if DataSet.in_use().mirrored else kept
 

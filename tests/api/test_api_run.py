@@ -49,9 +49,7 @@ def test_summary(tmp_path: Path) -> None:
 
 def test_a_summary_shows_scd_on_a_narrow_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    rows = [
-        row for name in ("idm", "a-planner-with-a-long-name") for row in pairs(name, speed_limit_m0_v0=lost())
-    ]
+    rows = [row for name in ("idm", "a-planner-with-a-long-name") for row in pairs(name, speed_limit_m0_v0=lost())]
     summary = tsbench.load_run(make_run(tmp_path / "run", rows)).summary()
     lines = str(summary).splitlines()
     assert max(map(len, lines)) <= 80
@@ -73,9 +71,7 @@ def test_holes_are_named(tmp_path: Path) -> None:
 
 def test_compare(tmp_path: Path) -> None:
     a = tsbench.load_run(make_run(tmp_path / "a", episodes("idm", yield_m0_v0=lost())))
-    b = tsbench.load_run(
-        make_run(tmp_path / "b", [*episodes("idm", speed_limit_m1_v1=lost()), *episodes("ppo")])
-    )
+    b = tsbench.load_run(make_run(tmp_path / "b", [*episodes("idm", speed_limit_m1_v1=lost()), *episodes("ppo")]))
     with pytest.raises(InputError, match="has planners idm, ppo: name one"):
         a.compare(b)
     with pytest.raises(InputError, match=r"name one, other_planner='idm'$"):

@@ -32,18 +32,10 @@ class Breaks:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("planner", "options"),
-    [
-        ("idm-e", {}),
-        ("blind", {}),
-        ("coin", {}),
-        ("reader", {"perception": "poor"}),
-        ("reader", {"mask_signs": True}),
-    ],
+    [("idm-e", {}), ("blind", {}), ("coin", {}), ("reader", {"perception": "poor"}), ("reader", {"mask_signs": True})],
 )
 def test_it_drives_what_a_run_drives(tmp_path: Path, planner: str, options: dict[str, object]) -> None:
-    run = tsbench.evaluate(
-        planner, split="dev", types="yield", limit=2, workers=1, out=tmp_path / "run", **options
-    )  # type: ignore[arg-type]
+    run = tsbench.evaluate(planner, split="dev", types="yield", limit=2, workers=1, out=tmp_path / "run", **options)  # type: ignore[arg-type]
     for row in run.episodes.to_dict("records"):
         done = tsbench.drive(planner, row["scenario_id"], **options).run()  # type: ignore[arg-type]
         assert done.record is not None

@@ -35,9 +35,9 @@ def test_it_takes_what_the_command_takes_with_the_same_defaults() -> None:
     assert set(taken) - {"listeners"} == set(options) - {"listener"}
     for name in set(taken) - {"planner", "listeners", "types", "split"}:
         default = options[name].to_info_dict()["default"]
-        assert taken[name].default == (
-            default or None if name in ("city", "limit", "out", "workers") else default
-        ), name
+        assert taken[name].default == (default or None if name in ("city", "limit", "out", "workers") else default), (
+            name
+        )
 
 
 def test_a_run_and_who_is_told(run: tsbench.Run, told: Any) -> None:

@@ -17,14 +17,7 @@ from tsbench.board.submission import Submission
 from tsbench.core.paths import CITY, using_city
 from tsbench.run.log import read
 
-WHO = {
-    "title": "",
-    "authors": "somebody",
-    "url": "",
-    "note": "",
-    "third_party": False,
-    "shared_process": True,
-}
+WHO = {"title": "", "authors": "somebody", "url": "", "note": "", "third_party": False, "shared_process": True}
 
 
 @pytest.fixture(autouse=True)

@@ -91,18 +91,14 @@ def test_one_that_does_not_come_up_says_why_and_drives_nothing(spec: str, releas
     assert found.keys() == {"contract", "start"}
 
 
-def test_changed_code_is_refused_before_anything_is_driven(
-    spec: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_changed_code_is_refused_before_anything_is_driven(spec: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subject, "edition_here", lambda *_: f"{in_force(DataSet.in_use()).name}{LOCAL}")
     found = check(f"{spec}:Hopeless")
     assert found["contract"].level is Level.PROBLEM
     assert "submit refuses" in found["contract"].text
 
 
-INFO = PlannerInfo(
-    "P-e", "mine.py:P-e", True, True, (), "ab" * 32, "ef" * 32, files=("cd" * 32 + " 644  mine.py",)
-)
+INFO = PlannerInfo("P-e", "mine.py:P-e", True, True, (), "ab" * 32, "ef" * 32, files=("cd" * 32 + " 644  mine.py",))
 
 
 @pytest.mark.parametrize(
@@ -110,13 +106,7 @@ INFO = PlannerInfo(
     [
         (INFO, {"namespaces": "docker"}, "isolation", Level.OK, "in a sandbox (docker)"),
         (INFO, {"namespaces": "bubblewrap 0.8.0"}, "privilege", Level.NOTE, "flagged as privileged"),
-        (
-            replace(INFO, may_remember=True),
-            {"namespaces": "bubblewrap 0.8.0"},
-            "memory",
-            Level.NOTE,
-            "may remember",
-        ),
+        (replace(INFO, may_remember=True), {"namespaces": "bubblewrap 0.8.0"}, "memory", Level.NOTE, "may remember"),
         (INFO, {"namespaces": "bubblewrap 0.8.0"}, "code", Level.OK, "hashed: mine.py, weights abababababab"),
         (
             replace(INFO, spec="idm-e", files=()),
@@ -125,20 +115,8 @@ INFO = PlannerInfo(
             Level.OK,
             f"of tsbench, scoring {SCORING}",
         ),
-        (
-            replace(INFO, name="m\u0456ne"),
-            {"namespaces": "bubblewrap 0.8.0"},
-            "name",
-            Level.PROBLEM,
-            "mixes scripts",
-        ),
-        (
-            replace(INFO, files=()),
-            {"namespaces": "bubblewrap 0.8.0"},
-            "code",
-            Level.PROBLEM,
-            "in no file",
-        ),
+        (replace(INFO, name="m\u0456ne"), {"namespaces": "bubblewrap 0.8.0"}, "name", Level.PROBLEM, "mixes scripts"),
+        (replace(INFO, files=()), {"namespaces": "bubblewrap 0.8.0"}, "code", Level.PROBLEM, "in no file"),
     ],
 )
 def test_what_of_cell_and_hashes_is_said(

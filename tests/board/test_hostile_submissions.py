@@ -85,11 +85,7 @@ FIELDS = [
     (("planner", "name"), "", "expected a name of 1 to 200 characters"),
     (("planner", "weights_sha256"), "\nconfirmed", "expected one line"),
     (("edition",), "2026.3\nconfirmed", "expected one line"),
-    (
-        ("arithmetic", "versions", "numpy"),
-        {"a": "b"},
-        "arithmetic: versions: numpy: must be text or nothing, not {",
-    ),
+    (("arithmetic", "versions", "numpy"), {"a": "b"}, "arithmetic: versions: numpy: must be text or nothing, not {"),
     (("arithmetic", "versions", "numpy"), "2\nconfirmed", "expected one line"),
     (("arithmetic", "libc"), "x" * 1001, "expected one line of at most 1000 characters"),
     (("arithmetic", "answers"), {}, "arithmetic: "),
@@ -246,10 +242,7 @@ def with_rows(run: Path, change: Callable[[list[Json]], list[Json]]) -> None:
 @pytest.mark.parametrize(
     ("change", "strange"),
     [
-        (
-            lambda rows: [{**row, "scenario_id": f"x{row['scenario_id']}"} for row in rows if row["scd"]],
-            "all",
-        ),
+        (lambda rows: [{**row, "scenario_id": f"x{row['scenario_id']}"} for row in rows if row["scd"]], "all"),
         (lambda rows: [*rows, {**rows[0], "scenario_id": "x"}], "1"),
     ],
     ids=["all", "one"],

@@ -59,9 +59,7 @@ TEXTS = """() => {
 
 
 @SIZES
-def test_the_index_is_sorted_and_floors_stay_below(
-    chromium: Browser, site: Path, size: tuple[int, int]
-) -> None:
+def test_the_index_is_sorted_and_floors_stay_below(chromium: Browser, site: Path, size: tuple[int, int]) -> None:
     with opened(chromium, (site / "index.html").as_uri(), "table.board", size) as page:
         assert narrow(page)
         first = page.locator("table.board").first

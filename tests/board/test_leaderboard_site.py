@@ -155,9 +155,7 @@ def test_two_planners_whose_names_look_alike_are_no_board(
         if number == 1:
             # One name for two planners is in plain sight.
             assert build(base, tmp_path / "site") == 2
-    with pytest.raises(
-        InputError, match=rf"2\.json: .* looks like {re.escape(ascii(first))} of .*0\.json: one of"
-    ):
+    with pytest.raises(InputError, match=rf"2\.json: .* looks like {re.escape(ascii(first))} of .*0\.json: one of"):
         build(base, tmp_path / "site")
 
 
@@ -230,14 +228,7 @@ def test_the_most_frequent_failures_come_first() -> None:
     def one(name: str, *clauses: str, outcome: str = "arrived") -> SubmittedEpisode:
         return SubmittedEpisode(name, outcome, not clauses and outcome == "arrived", clauses, "")
 
-    episodes = [
-        one("a", "x"),
-        one("b", "y"),
-        one("c", "y"),
-        one("d"),
-        one("e", outcome="stuck"),
-        one("f", "y"),
-    ]
+    episodes = [one("a", "x"), one("b", "y"), one("c", "y"), one("d"), one("e", outcome="stuck"), one("f", "y")]
     assert [e.scenario_id for e in telling(episodes, 4)] == ["b", "e", "a", "c"]
     assert [e.scenario_id for e in telling(episodes, 9)] == ["b", "e", "a", "c", "f"]
 
@@ -348,11 +339,7 @@ def test_data_that_are_not_here_are_said(honest: Make, tmp_path: Path) -> None:
 
 
 def test_from_the_command_line(
-    run: Path,
-    released: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    run: Path, released: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
 

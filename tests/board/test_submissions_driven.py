@@ -41,17 +41,13 @@ OTHER_CPU = {
     "OPENBLAS_CORETYPE": "Prescott",
 }
 PLANNERS = [
-    pytest.param(
-        "exe", marks=pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) here")
-    ),
+    pytest.param("exe", marks=pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) here")),
     *(pytest.param(name, marks=pytest.mark.submissions) for name in ("idm-e", "plant2-ft")),
 ]
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.timeout(3600),
-    pytest.mark.skipif(
-        CHANGED, reason="code or data were changed since the release: nothing can be submitted"
-    ),
+    pytest.mark.skipif(CHANGED, reason="code or data were changed since the release: nothing can be submitted"),
 ]
 
 
@@ -84,20 +80,7 @@ def spec(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 @pytest.fixture(scope="module")
 def run(spec: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("driven") / "run"
-    command(
-        "run",
-        "--planner",
-        spec,
-        "--split",
-        "dev",
-        "--isolate",
-        "--trace",
-        "all",
-        "--workers",
-        "2",
-        "--out",
-        out,
-    )
+    command("run", "--planner", spec, "--split", "dev", "--isolate", "--trace", "all", "--workers", "2", "--out", out)
     return out
 
 

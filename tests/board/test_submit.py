@@ -34,33 +34,18 @@ def test_it_says_what_the_run_says(run: Path, make: Make, tmp_path: Path) -> Non
     path = tmp_path / "idm.json"
     path.write_text(made.to_json(), encoding="utf-8")
     assert read_submission(path) == made
-    assert (made.title, made.planner.name, made.third_party, len(made.episodes)) == (
-        "IDM",
-        "idm",
-        True,
-        DEV_ROWS,
-    )
+    assert (made.title, made.planner.name, made.third_party, len(made.episodes)) == ("IDM", "idm", True, DEV_ROWS)
     summary = tsbench.load_run(run).summary()
     mine = summary[(summary.planner == "idm") & (summary.reading == "strict")]
     for figure in made.figures:
         row = mine[(mine.figure == figure.figure) & (mine.name == figure.over)].iloc[0]
         assert (row.value, row.n) == (pytest.approx(figure.value), figure.n)
-        assert figure.low is None or (row.low, row.high) == (
-            pytest.approx(figure.low),
-            pytest.approx(figure.high),
-        )
+        assert figure.low is None or (row.low, row.high) == (pytest.approx(figure.low), pytest.approx(figure.high))
     assert 0 < made.rescored < DEV_ROWS, "what has a trace"
 
 
 def test_a_digest_is_of_everything_that_was_driven_and_of_no_name() -> None:
-    row = {
-        "planner": "a",
-        "scenario_id": "s",
-        "outcome": "arrived",
-        "scd": True,
-        "error": None,
-        "progress": 0.5,
-    }
+    row = {"planner": "a", "scenario_id": "s", "outcome": "arrived", "scd": True, "error": None, "progress": 0.5}
     event = {"planner": "a", "number": 0, "clause": "over_limit", "target": True, "value": float("nan")}
     told = episode_of(row, [event])
     assert told.clauses == ("over_limit",)
@@ -159,9 +144,7 @@ def test_an_edited_table_is_none(run: Path, make: Make) -> None:
         make()
     # Nor where the manifest was edited, too: the traces say otherwise.
     (run / "run.json").write_bytes(after)
-    with pytest.raises(
-        InputError, match=r"disagreements with its own traces: .*scd is True, by its trace False"
-    ):
+    with pytest.raises(InputError, match=r"disagreements with its own traces: .*scd is True, by its trace False"):
         make()
 
 
@@ -183,18 +166,9 @@ def test_an_edited_trace_is_none(run: Path, make: Make) -> None:
         (lambda d: d["episodes"][0].update(outcome="won"), "malformed submission .*won"),
         (lambda d: d["episodes"].append(d["episodes"][0]), "stands twice"),
         (lambda d: d["episodes"][0].update(scd="yes"), "malformed submission"),
-        (
-            lambda d: d["episodes"][0].update(outcome="collision", scd=True, clauses=[]),
-            "scd is true, which collision",
-        ),
-        (
-            lambda d: d["episodes"][0].update(outcome="arrived", scd=True, clauses=["c"]),
-            "which arrived, c contradicts",
-        ),
-        (
-            lambda d: d["episodes"][0].update(outcome="arrived", scd=False, clauses=[]),
-            "scd is false, which arrived",
-        ),
+        (lambda d: d["episodes"][0].update(outcome="collision", scd=True, clauses=[]), "scd is true, which collision"),
+        (lambda d: d["episodes"][0].update(outcome="arrived", scd=True, clauses=["c"]), "which arrived, c contradicts"),
+        (lambda d: d["episodes"][0].update(outcome="arrived", scd=False, clauses=[]), "scd is false, which arrived"),
         (lambda d: d["episodes"][0].update(digest="0" * 31), "digest: expected 32 hexadecimal digits"),
         (lambda d: [e.update(digest="0" * 32) for e in d["episodes"]], "has the digest of"),
         (lambda d: d["planner"].update(name="x" * 100_001), "cannot be read as a submission"),

@@ -56,10 +56,7 @@ def test_an_honest_one_is_confirmed_byte_for_byte(honest: Make, tmp_path: Path) 
     # The draw is the verifier's: by the seed, and nothing else.
     (tmp_path / "idm.json").write_text(honest("idm").to_json())
     claim, table = claim_of(tmp_path / "idm.json"), DataSet.in_use().table("dev")
-    drawn = [
-        tuple(row.scenario_id for row in draw(claim.contract, claim.episodes, table, 2, seed))
-        for seed in (3, 4)
-    ]
+    drawn = [tuple(row.scenario_id for row in draw(claim.contract, claim.episodes, table, 2, seed)) for seed in (3, 4)]
     assert drawn[0] == found.driven != drawn[1]
 
 
@@ -90,9 +87,7 @@ def test_who_changed_the_referee_in_a_shared_process_is_found(tmp_path: Path) ->
     (claim,) = claims_of(tmp_path / "run")
     assert {episode.outcome for episode in claim.episodes} == {"arrived"}
     beside = verify(claim, None, shared_process=True, **OPTIONS)  # type: ignore[arg-type]
-    assert (beside.verdict, beside.isolated, beside.good) == (CONFIRMED, False, False), (
-        "else this cheat proves nothing"
-    )
+    assert (beside.verdict, beside.isolated, beside.good) == (CONFIRMED, False, False), "else this cheat proves nothing"
     found = verify(claim, None, **{**OPTIONS, "sample": 1})  # type: ignore[arg-type]
     assert (found.verdict, found.isolated, found.equal) == (REFUTED, True, 0)
     assert "verdict is arrived" in whats(found)
@@ -111,9 +106,7 @@ def test_another_planner_and_other_weights_are_found(honest: Make, tmp_path: Pat
 
 def test_another_arithmetic_explains_other_bytes_but_no_other_verdict(honest: Make, tmp_path: Path) -> None:
     made = honest("idm")
-    others = tuple(
-        replace(episode, digest=no_hash) for episode, no_hash in zip(made.episodes, NO_HASHES, strict=False)
-    )
+    others = tuple(replace(episode, digest=no_hash) for episode, no_hash in zip(made.episodes, NO_HASHES, strict=False))
     same = check(tmp_path, replace(made, episodes=others))
     assert same.verdict is REFUTED
     assert "on the same arithmetic" in whats(same)
@@ -125,9 +118,7 @@ def test_another_arithmetic_explains_other_bytes_but_no_other_verdict(honest: Ma
     assert why.startswith("the arithmetic of libm is another")
     # Its own word is all that explains so much.
     assert not found.good
-    turned = tuple(
-        replace(e, outcome="timeout" if e.scd else "arrived", scd=not e.scd, clauses=()) for e in others
-    )
+    turned = tuple(replace(e, outcome="timeout" if e.scd else "arrived", scd=not e.scd, clauses=()) for e in others)
     found = check(tmp_path, with_figures(replace(elsewhere, episodes=turned)))
     assert (found.verdict, len(found.differences), found.explained) == (REFUTED, 2, ())
 
@@ -140,10 +131,7 @@ def test_another_contract_is_refused(honest: Make, tmp_path: Path) -> None:
 def test_a_run_of_part_of_a_split_is_driven_again_as_it_was(tmp_path: Path) -> None:
     """With its planners, masked plates and perception level."""
     run = tmp_path / "run"
-    options = {
-        "split": "dev", "types": ["speed_limit"], "limit": 2, "out": run, "workers": 1,
-        "perception": "poor",
-    }  # fmt: skip
+    options = {"split": "dev", "types": ["speed_limit"], "limit": 2, "out": run, "workers": 1, "perception": "poor"}
     tsbench.evaluate(["idm", "reader"], **options)  # type: ignore[arg-type]
     idm, reader = claims_of(run)
     assert len(idm.episodes) == len(reader.episodes) == 2

@@ -60,9 +60,7 @@ def test_lanelets_are_the_roads_lanes(seen: dict[str, Any]) -> None:
 
 
 def test_a_limit_holds_from_its_plate_on(seen: dict[str, Any]) -> None:
-    limits = [
-        (k, *plate) for k, told in enumerate(seen["told"]) for plate in told["plates"] if plate[0] == "3.24"
-    ]
+    limits = [(k, *plate) for k, told in enumerate(seen["told"]) for plate in told["plates"] if plate[0] == "3.24"]
     assert limits
     for _, _, value, before, behind in limits:
         assert before is None

@@ -64,17 +64,13 @@ def test_its_own_state(drive: Recorder, o: Observation) -> None:
     heading = lane.line.heading_at(o.ego.s)
     still = replace(o, ego=replace(o.ego, heading=heading, speed=0.0, yaw_rate=0.0))
     seen = see(drive, still)
-    assert seen[[HEADING, STEERED, THROTTLE, YAW, PLACE]] == pytest.approx(
-        [0.5, 0.5, 0.5, 0.0, 0.5], abs=1e-6
-    )
+    assert seen[[HEADING, STEERED, THROTTLE, YAW, PLACE]] == pytest.approx([0.5, 0.5, 0.5, 0.0, 0.5], abs=1e-6)
     assert seen[SPEED] == pytest.approx(1 / 81)
     assert 18.0 * (seen[LEFT] + seen[RIGHT]) == pytest.approx(
         sum(one.width for one in drive.context.network.edge_lanes(lane.edge)), abs=1e-4
     )
     # To the right: less room there, and the lane's middle to the left. Turned to the right by 0.1 rad.
-    right = see(
-        drive, replace(still, ego=replace(still.ego, d=-0.9, heading=heading - 0.1, speed=10.0)), (1.0, -0.5)
-    )
+    right = see(drive, replace(still, ego=replace(still.ego, d=-0.9, heading=heading - 0.1, speed=10.0)), (1.0, -0.5))
     assert right[RIGHT] - seen[RIGHT] == pytest.approx(-0.9 / 18.0, abs=1e-6)
     assert right[PLACE] == pytest.approx(0.7)
     assert right[HEADING] == pytest.approx(0.5 + 0.5 * math.sin(0.1))
@@ -98,9 +94,7 @@ def test_navigation_is_of_this_piece_and_the_next(drive: Recorder, o: Observatio
 def test_vehicles_alone_are_others(drive: Recorder) -> None:
     o = next(o for o in drive.seen if len(o.actors))
     ego, car = o.ego, int(np.flatnonzero(o.actors.kind != ActorKind.PEDESTRIAN)[0])
-    place = np.array(
-        [ego.x + 20.0 * math.cos(ego.heading), ego.y + 20.0 * math.sin(ego.heading), ego.heading]
-    )
+    place = np.array([ego.x + 20.0 * math.cos(ego.heading), ego.y + 20.0 * math.sin(ego.heading), ego.heading])
     pose, speed = o.actors.pose.copy(), o.actors.speed.copy()
     pose[car], speed[car] = place, ego.speed + 5.0
     boxes = tuple((*row, *box[3:]) for row, box in zip(pose.tolist(), o.actors.boxes, strict=True))
@@ -167,16 +161,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     named = os.environ.get(WHEEL)
     folder = tmp_path_factory.mktemp("wheel")
     if not named:
-        asked = (
-            "-m",
-            "pip",
-            "download",
-            "--quiet",
-            "--no-deps",
-            "--dest",
-            str(folder),
-            "metadrive-simulator==0.4.3",
-        )
+        asked = ("-m", "pip", "download", "--quiet", "--no-deps", "--dest", str(folder), "metadrive-simulator==0.4.3")
         try:
             came = subprocess.run([sys.executable, *asked], capture_output=True, timeout=120, check=False)
         except subprocess.TimeoutExpired:
@@ -190,11 +175,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 @pytest.mark.slow
 def test_it_drives_as_published_and_the_same_again(wheel: Path) -> None:
-    rows = [
-        row
-        for row in DataSet.in_use().table("dev")
-        if row.scenario_type in ("no_entry", "speed_limit", "yield")
-    ]
+    rows = [row for row in DataSet.in_use().table("dev") if row.scenario_type in ("no_entry", "speed_limit", "yield")]
     runner = EpisodeRunner(resolve("metadrive-ppo"))
     first = [runner.run(row) for row in rows[:5]]
     again = [runner.run(row) for row in rows[:5]]

@@ -154,10 +154,7 @@ def test_others_by_kind_with_velocities_of_the_world(planner: Adapted, drive: Re
 
 def test_lanes_join_and_have_sides(drive: Recorder) -> None:
     roads = NuPlanMap(drive.context.network)
-    lanes = [
-        *roads._layer(Layer.LANE).values(),
-        *roads._layer(Layer.LANE_CONNECTOR).values(),
-    ]
+    lanes = [*roads._layer(Layer.LANE).values(), *roads._layer(Layer.LANE_CONNECTOR).values()]
     joints = 0
     for lane in lanes:
         end = lane.baseline_path.discrete_path[-1]
@@ -195,12 +192,7 @@ def test_questions_about_places(drive: Recorder) -> None:
 def test_every_layer_of_nuplans_is_there_and_junctions_know_their_connectors(drive: Recorder) -> None:
     roads = NuPlanMap(drive.context.network)
     layers = roads.get_available_map_objects()
-    assert [layer.name for layer in layers][15:] == [
-        "CARPARK_AREA",
-        "PUDO",
-        "ROADBLOCK",
-        "ROADBLOCK_CONNECTOR",
-    ]
+    assert [layer.name for layer in layers][15:] == ["CARPARK_AREA", "PUDO", "ROADBLOCK", "ROADBLOCK_CONNECTOR"]
     near = roads.get_proximal_map_objects(drive.seen[0].ego, 1000.0, layers)
     assert near[SemanticMapLayer.CARPARK_AREA] == near[SemanticMapLayer.STOP_LINE] == []
     connector = roads.get_map_object("sc>cn", Layer.ROADBLOCK_CONNECTOR)
@@ -248,9 +240,7 @@ def test_a_stand_in_says_what_has_the_name_that_it_lacks(drive: Recorder) -> Non
     planner.reset(drive.context)
     planner.act(drive.seen[0])
     ego, _ = inner(planner).asked[0].history.current_state
-    with pytest.raises(
-        AttributeError, match=r"EgoState.waypoint: a stand-in has no such name; nuplan-devkit's"
-    ):
+    with pytest.raises(AttributeError, match=r"EgoState.waypoint: a stand-in has no such name; nuplan-devkit's"):
         _ = ego.waypoint
 
 
@@ -268,8 +258,7 @@ def nothing(): return 5
 
 
 @pytest.mark.parametrize(
-    ("attribute", "name", "poses"),
-    [("Mine", "Mine", 7), ("Mine(4, offsets=[-1.0])", "Mine", 3), ("make", "make", 2)],
+    ("attribute", "name", "poses"), [("Mine", "Mine", 7), ("Mine(4, offsets=[-1.0])", "Mine", 3), ("make", "make", 2)]
 )
 def test_a_planner_by_its_name_with_arguments(
     attribute: str, name: str, poses: int, drive: Recorder, tmp_path: Path
@@ -284,15 +273,11 @@ def test_a_planner_by_its_name_with_arguments(
     assert resolve(f"nuplan:{tmp_path}/mine.py:{attribute}-e").privileged
 
 
-def test_what_is_wrong_with_one_is_said_before_it_drives(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_wrong_with_one_is_said_before_it_drives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "mine.py").write_text(MINE)
     with pytest.raises(InputError, match=r"write arguments as in Mine\(horizon=4.0"):
         resolve(f"nuplan:{tmp_path}/mine.py:Mine(1 + x)")
-    with pytest.raises(
-        InputError, match=r"int: a planner of nuPlan's has initialize and compute_planner_tra"
-    ):
+    with pytest.raises(InputError, match=r"int: a planner of nuPlan's has initialize and compute_planner_tra"):
         resolve(f"nuplan:{tmp_path}/mine.py:nothing").factory()
     (tmp_path / "theirs.py").write_text("import nuplan\n")
     specs = [f"nuplan:{tmp_path}/theirs.py:Theirs", "nuplan:nuplan:Theirs"]
@@ -356,11 +341,7 @@ class Follower(Straight):
         )
         while lane is not None and len(points) < 60:
             line = [(pose.x, pose.y) for pose in lane.baseline_path.discrete_path]
-            ahead = (
-                [p for p in line if math.hypot(p[0] - rear.x, p[1] - rear.y) > 3.0]
-                if len(points) == 1
-                else line
-            )
+            ahead = [p for p in line if math.hypot(p[0] - rear.x, p[1] - rear.y) > 3.0] if len(points) == 1 else line
             c, s = math.cos(rear.heading), math.sin(rear.heading)
             points += [p for p in ahead if len(points) > 1 or c * (p[0] - rear.x) + s * (p[1] - rear.y) > 0.0]
             lane = self.on_the_way(lane.outgoing_edges)

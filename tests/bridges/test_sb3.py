@@ -105,9 +105,7 @@ def test_it_drives_by_the_command_that_is_printed(tmp_path: Path, capsys: pytest
     row = DataSet.in_use().table("dev")[0]
     first, second = (EpisodeRunner(loaded).run(row) for _ in range(2))
     assert not first.error
-    ways = [
-        [(step.ego.x, step.ego.y) for step in one.facts.snapshots] for one in (first, second) if one.facts
-    ]
+    ways = [[(step.ego.x, step.ego.y) for step in one.facts.snapshots] for one in (first, second) if one.facts]
     assert ways[0] == ways[1]
     assert len(ways[0]) > 10
     # Weights count with the planner's code.

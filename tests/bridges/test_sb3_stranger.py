@@ -73,26 +73,14 @@ def test_the_guides_lines_give_a_planner_that_runs(tmp_path: Path) -> None:
 @pytest.mark.timeout(PATIENCE_S)
 def test_the_example_goes_on_after_it_was_killed(tmp_path: Path) -> None:
     code = EXAMPLE.format(examples=str(ROOT / "examples"), short=SHORT)
-    command = (
-        sys.executable,
-        "-c",
-        code,
-        "--group",
-        "speed",
-        "--workers",
-        "1",
-        "--out",
-        str(tmp_path / "out"),
-    )
+    command = (sys.executable, "-c", code, "--group", "speed", "--workers", "1", "--out", str(tmp_path / "out"))
     curve = tmp_path / "out" / "curve.csv"
 
     def steps() -> list[int]:
         with curve.open() as file:
             return [int(row["steps"]) for row in csv.DictReader(file)]
 
-    process = subprocess.Popen(
-        (*command, "--steps", "1000000"), cwd=tmp_path, env=CALM, start_new_session=True
-    )
+    process = subprocess.Popen((*command, "--steps", "1000000"), cwd=tmp_path, env=CALM, start_new_session=True)
     eventually(lambda: curve.is_file() and bool(steps()), process, PATIENCE_S)
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()

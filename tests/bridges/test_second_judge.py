@@ -20,15 +20,11 @@ TYPES = ("speed_limit", "stop")
 @pytest.mark.slow
 def test_both_judges_agree_on_drives_that_keep_and_break_limits_and_stops(tmp_path: Path) -> None:
     if not (JUDGE / "crmonitor").is_dir():
-        pytest.skip(
-            f"CommonRoad's monitor is not in {JUDGE} (make judge puts it there, from a package index)"
-        )
+        pytest.skip(f"CommonRoad's monitor is not in {JUDGE} (make judge puts it there, from a package index)")
     run = tmp_path / "run"
     drivers = ("--planner", "idm", "--planner", "idm-e", "--workers", "1", "--trace", "all")
     with pytest.raises(SystemExit) as ended:
-        main(
-            ["run", "--split", "dev", "--types", ",".join(TYPES), "--limit", "4", *drivers, "--out", str(run)]
-        )
+        main(["run", "--split", "dev", "--types", ",".join(TYPES), "--limit", "4", *drivers, "--out", str(run)])
     assert ended.value.code == 0
     environment = {**os.environ, "PYTHONPATH": f"{JUDGE}:{COMMONROAD}", "PYTHONWARNINGS": "ignore"}
     done = subprocess.run(

@@ -39,13 +39,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
 
 
 def stuck() -> dict[str, Any]:
-    return {
-        "scd": False,
-        "destination": False,
-        "outcome": "timeout",
-        "route_completion": 40.0,
-        "driving_score": 40.0,
-    }
+    return {"scd": False, "destination": False, "outcome": "timeout", "route_completion": 40.0, "driving_score": 40.0}
 
 
 def crashed() -> dict[str, Any]:
@@ -54,9 +48,7 @@ def crashed() -> dict[str, Any]:
 
 def four(folder: Path, **effective: Any) -> Path:
     """Four planners of 48 episodes each; ppo has an error outcome, mine[1] is a name of its own."""
-    rows = episodes(
-        "idm", yield_m0_v0=lost(), yield_m1_v1=crashed(), yield_m2_v0=stuck(), speed_limit_m0_v0=stuck()
-    )
+    rows = episodes("idm", yield_m0_v0=lost(), yield_m1_v1=crashed(), yield_m2_v0=stuck(), speed_limit_m0_v0=stuck())
     rows += episodes("idm-e")
     rows += episodes("ppo", yield_m0_v0=lost(), yield_m0_v1=lost(), speed_limit_m1_v0=failed("boom"))
     rows += episodes("mine[1]_$x$", yield_m3_v0=crashed())
@@ -67,12 +59,7 @@ def every_type(folder: Path) -> Path:
     """Three planners with an episode of every type."""
     rows = [
         episode(planner, 0, 0, 0)
-        | {
-            "scenario_type": kind.id,
-            "group": kind.group,
-            "scenario_id": f"{kind.id}-m0-v0",
-            "map_id": kind.id,
-        }
+        | {"scenario_type": kind.id, "group": kind.group, "scenario_id": f"{kind.id}-m0-v0", "map_id": kind.id}
         for planner in ("idm", "idm-e", "mine")
         for kind in load_catalog().types
     ]
@@ -120,11 +107,7 @@ def test_published_figures_stand_beside_all_types_of_the_test_split_alone(
         assert (note in whole, note in some, note in other) == (True, False, False)
     rows = {(r["planner"], r["figure"]): r for r in table(tmp_path / "whole-out" / "main.csv")}
     theirs = rows["idm", "published"]
-    assert (theirs["signed_scd_overall"], theirs["driving_score"], theirs["n"]) == (
-        "7.2",
-        "35.7",
-        "",
-    )
+    assert (theirs["signed_scd_overall"], theirs["driving_score"], theirs["n"]) == ("7.2", "35.7", "")
     assert ("mine", "published") not in rows
     first = table(tmp_path / "whole-out" / "intervals.csv")[0]
     assert (first["planner"], first["group"], first["published"]) == ("idm", "all types", "7.2")
@@ -184,12 +167,7 @@ def test_intervals_say_what_they_rest_on(run, tmp_path: Path) -> None:
     run("intervals", "r", "--out", "out")
     rows = table(tmp_path / "out" / "intervals.csv")
     first = rows[0]
-    assert (first["planner"], first["group"], first["n"], first["places"]) == (
-        "idm",
-        "all types",
-        "48",
-        "12",
-    )
+    assert (first["planner"], first["group"], first["n"], first["places"]) == ("idm", "all types", "48", "12")
     assert (first["method"], first["published"]) == ("effective sample size", "")
     assert float(first["scd_low"]) < float(first["scd"]) < float(first["scd_high"])
 
@@ -227,9 +205,7 @@ def test_ablation_pairs_by_scenario(run, tmp_path: Path) -> None:
     make_run(tmp_path / "plain", plain + episodes("ppo"))
     make_run(tmp_path / "masked", masked, mask_signs=True, variants="one-per-map")
     out, _ = run("ablation", "masked", "plain", "--out", "out")
-    assert out.startswith(
-        "Sign-channel ablation: 12 paired episodes for each of 1 planners, test split, variants "
-    )
+    assert out.startswith("Sign-channel ablation: 12 paired episodes for each of 1 planners, test split, variants ")
     assert "without a partner, left out: ppo" in out
     rows = {r["metric"]: r for r in table(tmp_path / "out" / "ablation.csv")}
     yields = rows["signed SCD, priority"]
@@ -249,9 +225,7 @@ def test_ablation_needs_both_and_the_same_scenes(run, tmp_path: Path) -> None:
     assert "none with it was given" in refused(run, "ablation", "plain")
     assert "none without it was given" in refused(run, "ablation", "masked")
     assert "idm has not driven 8 of the 48 scenes of masked" in refused(run, "ablation", "plain", "masked")
-    assert "no planner is in both: without --mask-signs idm; with it ppo" in refused(
-        run, "ablation", "plain", "other"
-    )
+    assert "no planner is in both: without --mask-signs idm; with it ppo" in refused(run, "ablation", "plain", "other")
     assert "d" * 64 in refused(run, "ablation", "plain", "elsewhere")
 
 

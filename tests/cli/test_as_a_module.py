@@ -11,9 +11,7 @@ from tsbench.cli import main
 
 
 def as_a_module(*arguments: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "tsbench", *arguments], capture_output=True, text=True, check=False
-    )
+    return subprocess.run([sys.executable, "-m", "tsbench", *arguments], capture_output=True, text=True, check=False)
 
 
 def test_it_prints_the_same_help(capsys: pytest.CaptureFixture[str]) -> None:

@@ -57,9 +57,7 @@ def test_from_an_extract_to_a_table(clone: Path, tmp_path: Path, capsys: pytest.
     assert "orientation entropy" in call(capsys, "city", "show", "nowhere", "--streets", *where)
     assert (tmp_path / "rose.png").stat().st_size > 10_000
     drivers = ("--planner", "idm", "--planner", "blind", "--planner", "idm-e", "--workers", "1")
-    table = call(
-        capsys, "run", "--city", "nowhere", "--split", "dev", *drivers, "--out", str(tmp_path / "run")
-    )
+    table = call(capsys, "run", "--city", "nowhere", "--split", "dev", *drivers, "--out", str(tmp_path / "run"))
     name = f"nowhere-{editions()[-1].name}"
     assert f"edition {name}, contract" in table
     # A run knows whose scenes it drove.
@@ -95,13 +93,7 @@ def test_a_town_with_traffic_on_the_left(
     clone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The image of `nowhere`, in Britain: its scenes are those of `nowhere` in a mirror."""
-    described(
-        clone,
-        "leftown",
-        make_town().xml(UtmFrame(32, mirrored=True), NORTH).encode(),
-        country="gb",
-        side="left",
-    )
+    described(clone, "leftown", make_town().xml(UtmFrame(32, mirrored=True), NORTH).encode(), country="gb", side="left")
     osm = ("--osm", str(clone / "osm"), "--types", "yield", "--types", "roundabout", "--workers", "1")
     call(capsys, "city", "build", "nowhere", *osm)
     built = call(capsys, "city", "build", "leftown", *osm)
@@ -142,30 +134,22 @@ def test_a_town_with_traffic_on_the_left(
         tsbench.load_scenarios("dev")
 
 
-def test_a_city_without_any_scene_says_why_in_one_line(
-    clone: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_city_without_any_scene_says_why_in_one_line(clone: Path, capsys: pytest.CaptureFixture[str]) -> None:
     described(clone, "motorway", motorway())
     osm = ("--osm", str(clone / "osm"), "--types", "yield", "--workers", "1")
     told = call(capsys, "city", "build", "motorway", *osm, code=2)
-    assert (
-        "motorway: its 2 maps carry no scenario: no junction of T, X in its tiles (tsbench city show" in told
-    )
+    assert "motorway: its 2 maps carry no scenario: no junction of T, X in its tiles (tsbench city show" in told
     assert not (clone / "cities" / "data" / "motorway" / "edition.yaml").exists()
 
 
-def test_an_extract_in_the_next_zone_says_which_to_write(
-    clone: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_extract_in_the_next_zone_says_which_to_write(clone: Path, capsys: pytest.CaptureFixture[str]) -> None:
     described(clone, "beyond", make_town().xml(UtmFrame(33), NORTH).encode())
     told = call(capsys, "city", "build", "beyond", "--osm", str(clone / "osm"), "--workers", "1", code=2)
     assert "beyond is in UTM zone 33, beyond in UTM zone 32" in told
     assert "write `zone: 33` into cities/beyond.yaml" in told
 
 
-def test_a_city_is_shown_with_the_figures_of_its_country(
-    clone: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_city_is_shown_with_the_figures_of_its_country(clone: Path, capsys: pytest.CaptureFixture[str]) -> None:
     krems = call(capsys, "city", "show", "krems")
     assert "country at, Austria: traffic on the right; junctions without signs: right before left" in krems
     assert "speeds in km/h: living_street 5, residential 50" in krems
@@ -186,9 +170,7 @@ def test_a_side_that_is_not_its_country_s_is_refused(clone: Path, capsys: pytest
         path.unlink()
 
 
-def test_what_is_not_built_says_which_command_builds_it(
-    clone: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_not_built_says_which_command_builds_it(clone: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "nothing is built yet: tsbench city build krems --osm DIR" in call(capsys, "city", "show", "krems")
     told = call(capsys, "scenarios", "list", "--city", "krems", "--split", "dev", code=2)
     assert "cities/data/krems/scenarios/dev.parquet" in told
@@ -202,10 +184,7 @@ def test_what_is_not_built_says_which_command_builds_it(
         (("city", "show", "atlantis"), "no such city; there are andorra, "),
         (("city", "show", "mirrored-krems"), "no city of its own, but krems in a mirror"),
         (("city", "build", "mirrored-krems", "--osm", "."), "no city of its own, but krems in a mirror"),
-        (
-            ("scenarios", "list", "--city", "mirrored-krems", "--split", "dev"),
-            "tsbench city build krems --osm DIR",
-        ),
+        (("scenarios", "list", "--city", "mirrored-krems", "--split", "dev"), "tsbench city build krems --osm DIR"),
         (("city", "build", "moscow", "--osm", "."), "moscow is the benchmark's own: tsbench maps harvest"),
         (("city", "build", "krems", "--osm", "nowhere"), "no such folder of OSM extracts"),
     ],

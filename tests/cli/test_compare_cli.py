@@ -31,9 +31,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
 
 def two(folder: Path) -> None:
     """A run with two planners: idm loses three yield scenes and fails in one, idm-e loses another."""
-    idm = episodes(
-        "idm", yield_m0_v0=lost(), yield_m1_v1=lost(), yield_m2_v0=lost(), speed_limit_m0_v0=failed("boom")
-    )
+    idm = episodes("idm", yield_m0_v0=lost(), yield_m1_v1=lost(), yield_m2_v0=lost(), speed_limit_m0_v0=failed("boom"))
     expert = episodes("idm-e", speed_limit_m3_v2=lost("over_limit") | {"outcome": "collision"})
     make_run(folder, [*idm, *expert])
 
@@ -135,9 +133,7 @@ def test_holes_are_refused_unless_allowed(run, tmp_path: Path) -> None:
     assert "scenarios without a record (idm (b): 3 of 48): continue the run, or pass --allow-partial" in told
     refused(run, "a", "b", "--force")
     out, _ = run("a", "b", "--allow-partial")
-    assert out.startswith(
-        "PARTIAL, scenarios without a record (idm (b): 3 of 48): A idm (a), B idm (b): 45 paired"
-    )
+    assert out.startswith("PARTIAL, scenarios without a record (idm (b): 3 of 48): A idm (a), B idm (b): 45 paired")
 
 
 @pytest.mark.parametrize(
@@ -200,9 +196,7 @@ HOSTILE = "[red]<b>$x^2$ my:Planner[/]"
 
 
 def test_names_are_text(run, tmp_path: Path) -> None:
-    make_run(
-        tmp_path / "a:1", [*episodes(HOSTILE), *episodes("idm", yield_m0_v0=failed("[bold]no[/bold] <i>"))]
-    )
+    make_run(tmp_path / "a:1", [*episodes(HOSTILE), *episodes("idm", yield_m0_v0=failed("[bold]no[/bold] <i>"))])
     out, _ = run(f"a:1:{HOSTILE}", "a:1:idm", "--png", "x.png")
     assert out.startswith(f"A {HOSTILE} (a:1), B idm (a:1): 48 paired scenarios\n")
     assert "planner_error ([bold]no[/bold] <i>)" in out

@@ -57,9 +57,7 @@ def called(*arguments: str) -> int:
         ("[run]\nworkers = true\n", "tsbench.toml: [run] workers: expected a value, or a list of values"),
     ],
 )
-def test_what_is_wrong_is_one_line(
-    text: str, problem: str, here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_wrong_is_one_line(text: str, problem: str, here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (here / "tsbench.toml").write_text(text)
     assert called("run") == 2
     error = capsys.readouterr().err
@@ -182,11 +180,7 @@ def test_python_takes_what_the_command_takes(here: Path) -> None:
     # Python shows the same complete run.
     run = tsbench.evaluate()
     assert run.path == Path("from-file")
-    assert (run.planners, run.status, run.options["types"]) == (
-        ("idm",),
-        "complete",
-        ["yield", "speed_limit"],
-    )
+    assert (run.planners, run.status, run.options["types"]) == (("idm",), "complete", ["yield", "speed_limit"])
     # Arguments go before.
     other = tsbench.evaluate("idm-e", types="stop", limit=1, out="mine")
     assert (other.planners, other.options["types"], other.options["split"]) == (("idm-e",), ["stop"], "dev")

@@ -65,14 +65,6 @@ def test_roads_are_where_they_are_and_traffic_on_its_side(
 
 
 def test_an_extract_of_elsewhere_is_said_to_be_one(clone: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = [
-        "maps",
-        "convert",
-        "--city",
-        "elsewhere",
-        str(clone / "left.osm"),
-        "--out",
-        str(clone / "x.net.xml"),
-    ]
+    words = ["maps", "convert", "--city", "elsewhere", str(clone / "left.osm"), "--out", str(clone / "x.net.xml")]
     said = call(capsys, *words)
     assert "lies in UTM zone 32, elsewhere in 33, and has the side and limits of elsewhere" in said

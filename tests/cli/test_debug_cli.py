@@ -76,13 +76,7 @@ def test_the_debugger_stops_at_each_tick_from_a_time_on(tmp_path: Path) -> None:
 
 def test_an_episode_of_a_run_is_driven_as_it_was(tmp_path: Path) -> None:
     tsbench.evaluate(
-        ["idm", "reader"],
-        split="dev",
-        types="yield",
-        limit=2,
-        workers=1,
-        out=tmp_path / "run",
-        mask_signs=True,
+        ["idm", "reader"], split="dev", types="yield", limit=2, workers=1, out=tmp_path / "run", mask_signs=True
     )
     row = tsbench.load_run(tmp_path / "run").episodes.iloc[0]
     done = debug(tmp_path / "run", f"idm/{row.scenario_id}", "--png", tmp_path / "end.png")

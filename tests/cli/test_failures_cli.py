@@ -21,9 +21,7 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureF
 def test_a_list_for_readers_and_for_programs(run, tmp_path: Path) -> None:
     make_run(tmp_path / "x", episodes("idm", yield_m0_v0=END, speed_limit_m1_v0=failed("ValueError: π")))
     out, _ = run("x", "--by", "clause")
-    assert out.startswith(
-        "error: 1 of 2 failures\n  idm/speed_limit-m1-v0\n    signed 2.4, planner_error, error: Va"
-    )
+    assert out.startswith("error: 1 of 2 failures\n  idm/speed_limit-m1-v0\n    signed 2.4, planner_error, error: Va")
     (first, second) = json.loads(run("x", "--json")[0])
     assert first["sentence"] == "ValueError: π"
     assert second == {

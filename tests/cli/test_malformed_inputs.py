@@ -220,12 +220,7 @@ def test_an_extract_with_a_place_that_is_none(tmp_path: Path, tsbench: Command) 
     ],
 )
 def test_data_that_is_none(
-    tmp_path: Path,
-    tsbench: Command,
-    monkeypatch: pytest.MonkeyPatch,
-    thing: str,
-    file: str,
-    arguments: list[str],
+    tmp_path: Path, tsbench: Command, monkeypatch: pytest.MonkeyPatch, thing: str, file: str, arguments: list[str]
 ) -> None:
     root = data_root()
     if not (root / file).exists():
@@ -255,18 +250,14 @@ def test_a_build_report_that_is_none(tmp_path: Path, thing: str) -> None:
         build_report(tmp_path)
 
 
-def test_a_table_that_says_it_is_endless(
-    run: Path, tsbench: Command, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_table_that_says_it_is_endless(run: Path, tsbench: Command, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(parquet, "_MOST_ROWS", 3)
     assert_refused(tsbench(*READERS["compare"]), "episodes.parquet: 4 rows, 0 MiB unpacked: too large")
 
 
 @pytest.mark.parametrize("thing", THINGS)
 def test_a_planner_that_is_none(tmp_path: Path, tsbench: Command, thing: str) -> None:
-    (tmp_path / "planner.py").write_text(
-        "class P:\n    def reset(self, context): ...\n    def act(self, o): ...\n"
-    )
+    (tmp_path / "planner.py").write_text("class P:\n    def reset(self, context): ...\n    def act(self, o): ...\n")
     spoil(tmp_path / "planner.py", thing)
     assert_refused(tsbench("planners", "check", "planner.py:P"), "planner.py")
 
@@ -275,9 +266,7 @@ def test_what_unpacks_to_too_much_is_not_unpacked(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(xmlfile, "_MOST_BYTES", 1 << 20)
     path = tmp_path / "large.net.xml.gz"
     path.write_bytes(gzip.compress(b" " * ((1 << 20) + 1)))
-    with pytest.raises(
-        InputError, match=r"large\.net\.xml\.gz: more than 1 MiB unpacked: too large for a network"
-    ):
+    with pytest.raises(InputError, match=r"large\.net\.xml\.gz: more than 1 MiB unpacked: too large for a network"):
         xmlfile.read_plain(path, "network")
     path.write_bytes(gzip.compress(b" " * (1 << 20)))
     assert len(xmlfile.read_plain(path, "network")) == 1 << 20

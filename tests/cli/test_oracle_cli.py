@@ -13,8 +13,7 @@ from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
 
 NO_TABLE = (
-    "no such table (tsbench data fetch --from DIR|URL oracle brings the released one, "
-    "tsbench oracle select makes one)"
+    "no such table (tsbench data fetch --from DIR|URL oracle brings the released one, tsbench oracle select makes one)"
 )
 
 
@@ -48,7 +47,7 @@ def drive(scenario: str, planner: str, rank: int) -> Recorded:
         (["stats", "--trajectories", "none.parquet"], f"none.parquet: {NO_TABLE}"),
         (["verify", "--trajectories", "none.parquet"], f"none.parquet: {NO_TABLE}"),
     ],
-)  # fmt: skip
+)
 def test_refusals_are_one_line(oracle: Command, tmp_path: Path, arguments: list[str], told: str) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "notes.txt").write_text("not to be lost")
@@ -57,9 +56,7 @@ def test_refusals_are_one_line(oracle: Command, tmp_path: Path, arguments: list[
 
 def test_only_experts_are_asked(oracle: Command, tmp_path: Path) -> None:
     """A sign-blind planner is none; nothing is left behind."""
-    told = refused(
-        oracle, "collect", "--types", "bus_lane_road", "--limit", "1", "--planner", "idm", "--workers", "1"
-    )
+    told = refused(oracle, "collect", "--types", "bus_lane_road", "--limit", "1", "--planner", "idm", "--workers", "1")
     assert "--planner idm: is no expert" in told
     assert not (tmp_path / "runs").exists()
 
@@ -78,9 +75,7 @@ def test_stats_prints_and_writes(oracle: Command, tmp_path: Path, rows: list[Sce
     assert "all types,idm-e,2,66.666667,2," in (tmp_path / "made" / "oracle.csv").read_text()
 
 
-def test_a_drive_that_does_not_replay_is_named(
-    oracle: Command, tmp_path: Path, rows: list[ScenarioSpec]
-) -> None:
+def test_a_drive_that_does_not_replay_is_named(oracle: Command, tmp_path: Path, rows: list[ScenarioSpec]) -> None:
     """Exit code 1: the input is in order, what it says is not so."""
     scenario = rows[0].scenario_id
     write_trajectories([drive(scenario, "idm-e", 1)], tmp_path / "oracle.parquet")

@@ -58,8 +58,7 @@ def three(folder: Path, **effective: object) -> Path:
     rows += pairs("idm-e")
     event = asdict(made.violation(3.0, clause="needless_slow"))
     events = [
-        {"planner": "idm", "scenario_id": "speed_limit-m1-v1-c", "number": k, "target": True, **event}
-        for k in range(2)
+        {"planner": "idm", "scenario_id": "speed_limit-m1-v1-c", "number": k, "target": True, **event} for k in range(2)
     ]
     return make_run(folder, rows, events=events, floors=("blind",), **effective)
 
@@ -78,9 +77,7 @@ def test_paired_comes_first_in_the_main_table(analyse, tmp_path: Path) -> None:
     assert heads == [f"{part}_overall" for part in PARTS]
     assert next(iter(row for row in rows["idm"] if "scd" in row)) == "paired_scd_overall"
     assert set(rows) == {"blind (floor)", "idm", "idm-e"}
-    assert [number(rows["idm"][head]) for head in heads] == [
-        ONE_LOST, round(100 * 47 / 48, 3), round(100 * 47 / 48, 3),
-    ]  # fmt: skip
+    assert [number(rows["idm"][head]) for head in heads] == [ONE_LOST, round(100 * 47 / 48, 3), round(100 * 47 / 48, 3)]
     assert [number(rows["blind (floor)"][head]) for head in heads] == [0.0, 100.0, 0.0]
     assert (rows["idm"]["n"], rows["idm"]["paired_scd_overall_n"]) == ("96", "48")
 
@@ -177,8 +174,6 @@ def test_a_run_from_before_pairs_reads_as_signed_rows(tmp_path: Path) -> None:
         del planner["floor"]
     (run / "run.json").write_text(json.dumps(manifest | {"files": file_hashes(run)}))
     stored = read_run(run).episodes
-    assert {name: set(stored[name].to_pylist()) for name in LATER} == {
-        name: {value} for name, value in LATER.items()
-    }
+    assert {name: set(stored[name].to_pylist()) for name in LATER} == {name: {value} for name, value in LATER.items()}
     for name in OF_POOL.keys() - {"correlations"}:
         assert analyse_runs(name, [run], allow_partial=False).table.rows

@@ -20,9 +20,7 @@ from tsbench.learn.envs.drive_env import DriveEnv
 PATH_WORDS = ("FILE", "DIR", "PATH", "RUN", "PLANNER", "SPEC", "file.py")
 
 
-def commands(
-    group: click.Group, context: click.Context, words: str = ""
-) -> Iterator[tuple[str, click.Command]]:
+def commands(group: click.Group, context: click.Context, words: str = "") -> Iterator[tuple[str, click.Command]]:
     for name in group.list_commands(context):
         command = group.get_command(context, name)
         assert command is not None
@@ -52,13 +50,7 @@ FOUND = path_parameters()
 
 def test_the_walk_finds_options_of_all_kinds() -> None:
     names = {name for name, _ in FOUND}
-    assert {
-        "run --out",
-        "run --perception",
-        "compare run_a",
-        "data fetch --from",
-        "seal secret file",
-    } <= names
+    assert {"run --out", "run --perception", "compare run_a", "data fetch --from", "seal secret file"} <= names
     assert len(names) > 80
 
 

@@ -123,16 +123,12 @@ def test_measurements_become_words() -> None:
     leaky = DriveSample([result(moved)] * 10, memory=[10**7 * k for k in range(1, 11)])
     assert told(leaky, "memory")[0][0] is Level.PROBLEM
     wrong = DriveSample([result(steady[:0], Outcome.INVALID_OUTPUT, "act returned NoneType")])
-    assert (
-        "returned an invalid command in 1 of 1 scenes: act returned NoneType" in told(wrong, "output")[0][1]
-    )
+    assert "returned an invalid command in 1 of 1 scenes: act returned NoneType" in told(wrong, "output")[0][1]
 
 
 def test_each_scene_that_was_not_reached_has_its_command() -> None:
     steady = np.zeros((5, 2))
-    mixed = DriveSample(
-        [result(steady, o) for o in (Outcome.ARRIVED, Outcome.OFF_ROAD, Outcome.PLANNER_ERROR)]
-    )
+    mixed = DriveSample([result(steady, o) for o in (Outcome.ARRIVED, Outcome.OFF_ROAD, Outcome.PLANNER_ERROR)])
     assert told(mixed, "outcomes") == [(Level.NOTE, "3 scenes: 1 arrived, 1 off_road, 1 planner_error")]
     for outcome in ("off_road", "planner_error"):
         command = """tsbench debug --planner 'x.py:It'"'"'s' --scenario s"""

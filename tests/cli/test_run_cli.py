@@ -23,12 +23,7 @@ MAIN = "from tsbench.cli import main; main()"
 
 def tsbench(*arguments: str, cwd: Path | None = None, expect: int = 0) -> subprocess.CompletedProcess[str]:
     done = subprocess.run(
-        [sys.executable, "-c", MAIN, *arguments],
-        cwd=cwd,
-        text=True,
-        capture_output=True,
-        timeout=HANG_S,
-        check=False,
+        [sys.executable, "-c", MAIN, *arguments], cwd=cwd, text=True, capture_output=True, timeout=HANG_S, check=False
     )
     assert done.returncode == expect, done.stderr
     assert "Traceback" not in done.stderr
@@ -37,10 +32,7 @@ def tsbench(*arguments: str, cwd: Path | None = None, expect: int = 0) -> subpro
 
 def test_help_names_all_commands_in_three_groups() -> None:
     parts = re.split(r"^(\S[^\n]*):$", tsbench("--help").stdout, flags=re.M)[1:]
-    groups = {
-        title: re.findall(r"^  (\w+)  ", body, re.M)
-        for title, body in zip(parts[::2], parts[1::2], strict=True)
-    }
+    groups = {title: re.findall(r"^  (\w+)  ", body, re.M) for title, body in zip(parts[::2], parts[1::2], strict=True)}
     assert list(groups) == ["Options", "Use", "Bring a planner of your own", "Make the data"]
     assert groups["Use"][:3] == ["run", "campaign", "compare"]
     assert groups["Bring a planner of your own"] == ["planners", "debug", "train", "oracle", "bench"]
@@ -84,18 +76,12 @@ def test_an_option_is_one_thing_in_all_commands() -> None:
         (["run", "--planner", "idm"], "Missing option '--split'"),
         (["run", "--planner", "idm", "--split", "exam"], "Invalid value for '--split'"),
         (["run", "--planner", "idm", "--split", "test", "--limit", "0"], "Invalid value for '--limit'"),
-        (
-            ["run", "--planner", "idm", "--split", "test", "--types", "speling"],
-            "--types speling: no such type",
-        ),
+        (["run", "--planner", "idm", "--split", "test", "--types", "speling"], "--types speling: no such type"),
         (
             ["run", "--planner", "idm", "--split", "dev", "--types", " , "],
             "Invalid value for '--types': names no type; leave it out for all",
         ),
-        (
-            ["run", "--planner", "idm", "--split", "dev", "--out", ""],
-            "'--out': is empty: name a file or a folder",
-        ),
+        (["run", "--planner", "idm", "--split", "dev", "--out", ""], "'--out': is empty: name a file or a folder"),
         (
             ["run", "--planner", "idm", "--split", "dev", "--city", "atlantis"],
             "--city atlantis: no such city; there are andorra, krems, moscow, north-bayreuth\n",

@@ -42,9 +42,7 @@ def made_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     net = built / "cross.net.xml.gz"
     shutil.move(root / "cross.net.xml.gz", net)
     maker = world.SceneMaker(built, net, read_network(net))
-    sign = world.plate(
-        maker.network, "s_in", 139.0, "2.4", junction="x", approach="s_in", main_in="w_in e_in"
-    )
+    sign = world.plate(maker.network, "s_in", 139.0, "2.4", junction="x", approach="s_in", main_in="w_in e_in")
     start, way = EgoStart("s_in_0", 60.0, 7.75), ("s_in", "n_out")
     rows: dict[str, list[ScenarioSpec]] = {"train": [], "test": []}
     for split in rows:

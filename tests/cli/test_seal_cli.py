@@ -40,16 +40,7 @@ def test_sealed_scenes_are_committed_to_run_and_checked(
 
     def built(key: Path, code: int = 0) -> str:
         return call(
-            capsys,
-            "seal",
-            "build",
-            "nowhere",
-            "--secret",
-            str(key),
-            "--osm",
-            str(clone / "osm"),
-            *WITH,
-            code=code,
+            capsys, "seal", "build", "nowhere", "--secret", str(key), "--osm", str(clone / "osm"), *WITH, code=code
         )
 
     assert "tsbench seal commit nowhere" in built(keys[0])
@@ -89,9 +80,7 @@ def test_sealed_scenes_are_committed_to_run_and_checked(
         if key is None:
             call(capsys, "city", "build", "nowhere", "--osm", str(clone / "osm"), *WITH)
             assert "was built without a secret" in built(keys[0], code=2)
-            assert "is not sealed" in call(
-                capsys, "seal", "commit", "nowhere", "--out", str(published), code=2
-            )
+            assert "is not sealed" in call(capsys, "seal", "commit", "nowhere", "--out", str(published), code=2)
         else:
             built(key)
         other = rows_of(data)
@@ -113,9 +102,7 @@ def test_draws_are_the_public_ones_but_with_a_secret(tmp_path: Path, monkeypatch
     assert seed_of("a", 1) == seeds.seed_of("a", 1)
 
 
-def test_what_is_no_secret_or_no_commitment_is_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_no_secret_or_no_commitment_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     wrong = tmp_path / "file"
     wrong.write_text("{}", encoding="utf-8")
     asked = ("seal", "build", "krems", "--secret", str(wrong))

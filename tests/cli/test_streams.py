@@ -21,9 +21,7 @@ LIST = "signs list"
 def shell(line: str, **environment: str) -> subprocess.CompletedProcess[bytes]:
     """A line of bash, in which `tsbench` is the command line of this checkout."""
     script = f'set -o pipefail; tsbench() {{ {COMMAND} "$@"; }}; {line}'
-    return subprocess.run(
-        ["bash", "-c", script], env={**os.environ, **environment}, capture_output=True, check=False
-    )
+    return subprocess.run(["bash", "-c", script], env={**os.environ, **environment}, capture_output=True, check=False)
 
 
 @pytest.mark.parametrize("command", [LIST, "--help"])

@@ -10,9 +10,7 @@ from command_line import in_process, refused
 pytestmark = pytest.mark.slow
 
 
-def test_a_fine_tuning_without_drives_or_base_is_refused(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_a_fine_tuning_without_drives_or_base_is_refused(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     train = in_process("train", capsys)
     out = ("--out", str(tmp_path / "out"))
     missing = refused(train, "frames", "--trajectories", str(tmp_path / "none.parquet"), *out)

@@ -22,8 +22,7 @@ def reads():
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
-    [("divides", "ZeroDivisionError: division by zero (mine.py:5)"), ("reads", "JSONDecodeError: ")],
+    ("name", "said"), [("divides", "ZeroDivisionError: division by zero (mine.py:5)"), ("reads", "JSONDecodeError: ")]
 )
 def test_a_planners_own_line_is_named(tmp_path: Path, name: str, said: str) -> None:
     """Of the frames the last that is neither Python's nor tsbench's."""

@@ -100,9 +100,7 @@ def test_all_files_come_from_a_folder_and_an_address(
     assert run(capsys, "data", "list").splitlines()[1].split()[:4] == ["train", "2", "3.1", "none"]
 
 
-def test_what_is_there_is_not_fetched_again(
-    known: Path, address: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_there_is_not_fetched_again(known: Path, address: str, capsys: pytest.CaptureFixture[str]) -> None:
     first, second = CONTENT
     (known / first).parent.mkdir()
     (known / first).write_bytes(CONTENT[first])

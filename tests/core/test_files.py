@@ -9,14 +9,7 @@ from pathlib import Path
 import pytest
 
 from tsbench.core.errors import InputError
-from tsbench.core.files import (
-    io_errors_as_input_errors,
-    is_tmp,
-    replacing,
-    sha256_of,
-    write_atomic,
-    write_json,
-)
+from tsbench.core.files import io_errors_as_input_errors, is_tmp, replacing, sha256_of, write_atomic, write_json
 
 
 def test_a_file_takes_its_place_when_it_is_whole(tmp_path: Path) -> None:

@@ -32,9 +32,7 @@ def squares(folder: Path, numbers: list[int], stamp: str = "a") -> list[int]:
     """In the order asked for; what was driven stands in the log, a line each."""
     jobs = [(number, folder / "log") for number in numbers]
     with worker_processes(2, "squaring") as pool:
-        found = pool.ordered(
-            square, jobs, lambda number, _: CachedResult(folder / "kept" / f"{number}.json", stamp)
-        )
+        found = pool.ordered(square, jobs, lambda number, _: CachedResult(folder / "kept" / f"{number}.json", stamp))
         return [one["square"] for one in found]
 
 

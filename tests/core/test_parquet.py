@@ -23,10 +23,7 @@ class Thing:
 
 
 SCHEMA = pa.schema(fields_of(Thing, seed=pa.int64())).with_metadata({VERSION_KEY: "1"})
-THINGS = [
-    Thing("b", 1 << 40, None, True, ("x", "y"), ()),
-    Thing("a", 2, 0.1, None, (), (3, 4)),
-]
+THINGS = [Thing("b", 1 << 40, None, True, ("x", "y"), ()), Thing("a", 2, 0.1, None, (), (3, 4))]
 
 
 def test_columns_are_the_fields() -> None:

@@ -63,9 +63,7 @@ def test_a_named_folder_wins_and_is_the_only_root(tmp_path: Path, monkeypatch: p
     assert paths.fetch_root() == tmp_path
 
 
-def test_an_installed_tsbench_finds_its_own_then_the_packaged_then_the_fetched(
-    installed: Path, tmp_path: Path
-) -> None:
+def test_an_installed_tsbench_finds_its_own_then_the_packaged_then_the_fetched(installed: Path, tmp_path: Path) -> None:
     user = tmp_path / "home" / "tsbench" / tsbench.__version__
     assert paths.fetch_root() == user
     assert paths.data_file("sign_catalog") == installed / "tsbench" / "sign_catalog"
@@ -81,9 +79,7 @@ def test_an_installed_tsbench_finds_its_own_then_the_packaged_then_the_fetched(
 
 def test_data_of_another_version_are_refused(installed: Path) -> None:
     add_data_package(installed, "0.0.9")
-    with pytest.raises(
-        InputError, match=r"tsbench-data 0\.0\.9 do not belong together: pip install tsbench-data=="
-    ):
+    with pytest.raises(InputError, match=r"tsbench-data 0\.0\.9 do not belong together: pip install tsbench-data=="):
         paths.data_file("scenarios/test.parquet")
 
 

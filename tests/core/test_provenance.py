@@ -61,9 +61,7 @@ def test_what_is_for_type_checkers_does_not_run(tmp_path: Path) -> None:
     (tmp_path / "one.py").write_text("")
     (tmp_path / "two.py").write_text("")
     file = tmp_path / "start.py"
-    file.write_text(
-        "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import one\nelse:\n    import two\n"
-    )
+    file.write_text("from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import one\nelse:\n    import two\n")
     assert set(closure([file])) == {"start.py", "two.py"}
 
 
@@ -94,15 +92,7 @@ def test_a_data_file_that_is_named_counts(tmp_path: Path) -> None:
 def test_a_file_counts_by_its_bytes(tmp_path: Path) -> None:
     file = tmp_path / "a.py"
     found = set()
-    for text in (
-        '"""Gain 1."""',
-        '"""Gain 2."""',
-        "# gain 1",
-        "# gain 2",
-        "\n# gain 2",
-        "print 1",
-        "print  1",
-    ):
+    for text in ('"""Gain 1."""', '"""Gain 2."""', "# gain 1", "# gain 2", "\n# gain 2", "print 1", "print  1"):
         file.write_text(text, encoding="utf-8")
         found.add(closure([file])["a.py"])
     assert len(found) == 7

@@ -13,14 +13,7 @@ from tsbench.core.textfile import read_json
 
 # A terminal clears its screen, a name ends in another file type, half a character, a bell, a C1 control.
 UNSAFE = ("\x1b[2J", "gnp\u202egnp", "half \ud800", "\a", "\x9b2J", "\0", "\u2066x")
-SAFE = (
-    "",
-    "plain",
-    "Äußerst, ёлка 漢字",
-    "two\nlines\tand a tab",
-    "\U0001f468\u200d\U0001f4bb",
-    "می\u200cخواهم",
-)
+SAFE = ("", "plain", "Äußerst, ёлка 漢字", "two\nlines\tand a tab", "\U0001f468\u200d\U0001f4bb", "می\u200cخواهم")
 
 
 @pytest.mark.parametrize("text", UNSAFE)

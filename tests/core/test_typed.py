@@ -77,10 +77,7 @@ INNER = {"name": "a", "value": None}
         ({"inner": INNER | {"colour": 1}}, "inner: colour: unknown key; there are name, value, side"),
         ({"ready": 1}, "ready: must be true or false, not 1"),
         ({"several": INNER}, "several: must be a list, not {"),
-        (
-            {"several": [INNER, INNER | {"name": 1}]},
-            "several: number 2: name: must be text, not 1 (quote codes",
-        ),
+        ({"several": [INNER, INNER | {"name": 1}]}, "several: number 2: name: must be text, not 1 (quote codes"),
         ({"several": [INNER, INNER | {"x": 1}]}, "several: number 2: x: unknown key"),
         ({"named": {"a": INNER, "b": {}}}, "named: b: name: is missing"),
         ({"named": {"a": INNER, 7: INNER}}, "named: key 7: must be text, not 7 (quote codes and numbers)"),

@@ -29,9 +29,7 @@ LANE = -4.8
         ("scrapes a parked one", 4.0, (-1.0, LANE + 1.9, 0.0), 0.0, True),
     ],
 )
-def test_fault(
-    what: str, ego_speed: float, pose: tuple[float, float, float], speed: float, fault: bool
-) -> None:
+def test_fault(what: str, ego_speed: float, pose: tuple[float, float, float], speed: float, fault: bool) -> None:
     ego = made.ego(0.0, LANE, speed=ego_speed)
     assert contact_at_fault(ego, np.array(pose), speed, 4.0, 2.0) is fault, what
 

@@ -35,9 +35,7 @@ class Watch:
         x, y = sign.x - ahead * cos, sign.y - ahead * sin
         ego = EgoState(x, y, sign.heading, 5.0, 0.0, 0.0, 0.0, -1, 0.0, 0.0, True)
         real = np.zeros(0)
-        nobody = Actors(
-            ActorTable(1), np.zeros(0, np.int32), np.zeros((0, 3)), real, np.zeros(0, np.int32), real
-        )
+        nobody = Actors(ActorTable(1), np.zeros(0, np.int32), np.zeros((0, 3)), real, np.zeros(0, np.int32), real)
         route: Any = None
         seen = self._observer.observe(WorldSnapshot(self._step, 0.1 * self._step, ego, nobody), ego, route)
         self._step += 1

@@ -101,9 +101,7 @@ def test_rates_over_a_thousand_plates(name: str) -> None:
     of, n = level(name), 1_000
     kinds, delays = [], []
     for k in range(n):
-        told = {
-            t.kind: t for t in drive(replace(of, false_per_km=0.0), f"pair {k}", plate(60.0), metres=50.0)
-        }
+        told = {t.kind: t for t in drive(replace(of, false_per_km=0.0), f"pair {k}", plate(60.0), metres=50.0)}
         kinds.append(RIGHT if RIGHT in told else MISREAD if MISREAD in told else "")
         delays += [t.step for t in told.values() if t.kind != POST]
     assert agrees(kinds.count(RIGHT), n, of.right)
@@ -206,13 +204,9 @@ def test_a_face_tells_more_than_a_back_did() -> None:
         ("5.21", 20.0, set()),
     ],
 )  # fmt: skip
-def test_misreadings_stay_in_the_family(
-    code: str, value: float | None, as_what: set[tuple[str, float | None]]
-) -> None:
+def test_misreadings_stay_in_the_family(code: str, value: float | None, as_what: set[tuple[str, float | None]]) -> None:
     of = level("poor", right=0.0, misread=1.0, false_per_km=0.0)
-    told = [
-        t for k in range(40) for t in drive(of, f"pair {k}", plate(60.0, code=code, value=value), metres=58.0)
-    ]
+    told = [t for k in range(40) for t in drive(of, f"pair {k}", plate(60.0, code=code, value=value), metres=58.0)]
     assert {(t.code, t.value) for t in told if t.kind == MISREAD} == as_what
 
 
@@ -274,9 +268,7 @@ def test_the_same_bytes_in_two_processes_and_in_any_order(tmp_path: Path) -> Non
         f"print(json.dumps(driven({names[::-1]}, Path({str(tmp_path)!r}))))"
     )
     root = Path(__file__).resolve().parents[2]
-    there = subprocess.run(
-        [sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True
-    ).stdout
+    there = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True).stdout
     assert json.loads(there) == here
     told = read_trace(tmp_path / f"{names[0]}.parquet").told
     assert told

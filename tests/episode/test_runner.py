@@ -64,9 +64,7 @@ def runner(root: Path, planner: str, **more: object) -> EpisodeRunner:
     return EpisodeRunner(resolve(f"scripted:{planner}"), **shared, **more)  # type: ignore[arg-type]
 
 
-def on_the_road(
-    on_road, name: str, start: EgoStart = START, end: Destination = END, **more: object
-) -> ScenarioSpec:
+def on_the_road(on_road, name: str, start: EgoStart = START, end: Destination = END, **more: object) -> ScenarioSpec:
     sign = world.speed_plate(on_road.network, "road", 60.0)
     return on_road.make(name, start, end, ("road",), sign, **more)
 
@@ -231,9 +229,7 @@ def test_a_scene_that_does_not_load_is_a_sim_error_with_its_cause(root: Path, on
     assert made.run(on_the_road(on_road, "plain")).outcome is Outcome.ARRIVED
 
 
-def test_a_defect_of_ours_is_an_error_with_its_traceback(
-    root: Path, on_road, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_defect_of_ours_is_an_error_with_its_traceback(root: Path, on_road, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*_: object) -> int:
         raise ZeroDivisionError("a monitor's slip")
 
@@ -339,9 +335,7 @@ def test_others_go_by_what_the_ego_shows(root: Path, on_cross) -> None:
     assert entered["IndicatesRight"] < entered["Follow"]
 
 
-def test_sumo_is_told_the_way_again_where_it_has_forgotten_it(
-    root: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_sumo_is_told_the_way_again_where_it_has_forgotten_it(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As when SUMO takes the ego for another path's inside a junction: who has no way on is seen by nobody."""
     net = root / "block.net.xml.gz"
     build_net(world.block_plain(), net)
@@ -389,9 +383,7 @@ def test_the_convoy_comes_when_the_ego_does(root: Path, on_cross) -> None:
     # The ego's line is the end of s_in; the conflict zone begins about 7 m further on both paths.
     zone = network.lane("e_in_0").line.length + 4.0
     draft = on_cross.make("draft", start, end, ("s_in", "n_out"), sign, convoy_at=at)
-    seconds = lead_time(
-        world.simulation(), on_cross.net, on_cross.path(draft), network, 7, zone - fronts[0]
-    )  # fmt: skip
+    seconds = lead_time(world.simulation(), on_cross.net, on_cross.path(draft), network, 7, zone - fronts[0])
     plan = ConvoyPlan("s_in_0", 7.0, seconds, 8.0, 8.0, ("convoy_0", "convoy_1"))
     spec = on_cross.make("convoy", start, end, ("s_in", "n_out"), sign, convoy=plan, convoy_at=at)
     result = runner(root, "Follow").run(spec)

@@ -19,19 +19,14 @@ from hypothesis import strategies as st
 
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
-from tsbench.episode.trace import (
-    read_trace,
-    trace_path,
-    write_trace,
-)
+from tsbench.episode.trace import read_trace, trace_path, write_trace
 from tsbench.roads.planner_map import build_planner_map
 
 
 def an_episode(n: int = 50) -> EpisodeFacts:
     rng = np.random.default_rng(3)
     egos = [
-        made.ego(10 + 0.1 * k * 1.01, speed=1.01, acceleration=float(rng.normal()), yaw_rate=-0.0)
-        for k in range(n)
+        made.ego(10 + 0.1 * k * 1.01, speed=1.01, acceleration=float(rng.normal()), yaw_rate=-0.0) for k in range(n)
     ]
     late = made.straight(n, 30.0, -1.6, 0.0, 7.0)
     late[:20] = np.nan
@@ -71,12 +66,7 @@ def test_plans_come_back_and_older_traces_have_none(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
     write_trace(path, made.result(episode, plans=told))
     plans = read_trace(path).plans
-    assert [None if plan is None else plan.tolist() for plan in plans] == [
-        [[1.5, 2.5], [3.25, -4.0]],
-        None,
-        [],
-        None,
-    ]
+    assert [None if plan is None else plan.tolist() for plan in plans] == [[[1.5, 2.5], [3.25, -4.0]], None, [], None]
     assert plans[0] is not None
     assert (plans[0].dtype, plans[2].shape) == (np.float32, (0, 2))  # type: ignore[union-attr]
     table = pq.read_table(path).drop_columns(["plan_x", "plan_y"])
@@ -122,9 +112,7 @@ def test_no_tick_no_trace(tmp_path: Path) -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(st.lists(st.floats(allow_nan=False, width=64), min_size=11, max_size=11), st.integers(-1, 9))
-def test_every_float_survives(
-    tmp_path_factory: pytest.TempPathFactory, numbers: list[float], lane: int
-) -> None:
+def test_every_float_survives(tmp_path_factory: pytest.TempPathFactory, numbers: list[float], lane: int) -> None:
     path = tmp_path_factory.mktemp("t") / "t"
     base = an_episode(2)
     odd = made.ego(*numbers[:4], acceleration=numbers[4], steering=numbers[5], yaw_rate=numbers[6], lane=lane,
@@ -237,9 +225,7 @@ def unread(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pq.ParquetFile, "read", read)
 
 
-def test_more_ticks_than_the_scenario_has_are_not_read(
-    tmp_path: Path, request: pytest.FixtureRequest
-) -> None:
+def test_more_ticks_than_the_scenario_has_are_not_read(tmp_path: Path, request: pytest.FixtureRequest) -> None:
     path = tmp_path / "t.parquet"
     write_trace(path, made.result(an_episode()))
     horizon = read_trace(path).spec.horizon

@@ -30,9 +30,7 @@ def test_a_metric_is_one_declaration(clone: Copy) -> None:
     assert '"top_speed": "m/s"' in (clone.root / "after" / "summary.json").read_text()
     assert "top" in told
     assert "top" in (clone.root / "tables" / "main.csv").read_text(encoding="utf-8").splitlines()[0]
-    assert "| `top_speed` | m/s, greatest |" in (clone.root / "docs" / "metrics.md").read_text(
-        encoding="utf-8"
-    )
+    assert "| `top_speed` | m/s, greatest |" in (clone.root / "docs" / "metrics.md").read_text(encoding="utf-8")
     # A run from before has no value of it, and keeps all others.
     assert "top_speed" not in pq.read_schema(clone.root / "before" / "episodes.parquet").names
     assert "idm" in (clone.root / "older" / "main.csv").read_text(encoding="utf-8")

@@ -40,9 +40,7 @@ def test_its_cases_are_judged_as_any_other_rule_s(clone: Copy) -> None:
     for name in ("tests/helpers", "tests/rules", "tests/cases/nets"):
         shutil.copytree(ROOT / name, clone.root / name, ignore=shutil.ignore_patterns("__pycache__"))
     options = ("-q", "-p", "no:cacheprovider", "-p", "no:xdist", "-c", "/dev/null", "--rootdir", ".")
-    told = clone.python(
-        "-m", "pytest", *options, "tests/rules/test_cases.py", "-k", "no_stopping and case_has"
-    )
+    told = clone.python("-m", "pytest", *options, "tests/rules/test_cases.py", "-k", "no_stopping and case_has")
     assert "3 passed" in told, told
 
 

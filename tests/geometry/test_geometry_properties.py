@@ -114,9 +114,7 @@ def test_front_lies_between_the_front_corners(box: tuple[float, ...]) -> None:
     assert front(x, y, heading, length) == pytest.approx(middle, abs=1e-9)
 
 
-@given(
-    st.floats(0.6, 2.5), st.floats(-3.0, 3.0), ANGLE, st.floats(2.6, 3.8), st.floats(2.6, 3.8), st.booleans()
-)
+@given(st.floats(0.6, 2.5), st.floats(-3.0, 3.0), ANGLE, st.floats(2.6, 3.8), st.floats(2.6, 3.8), st.booleans())
 def test_conflict_zones_are_symmetric_and_turn_with_the_paths(
     crossing: float, shift: float, angle: float, a_width: float, b_width: float, opened: bool
 ) -> None:

@@ -21,12 +21,7 @@ def test_turn_classes_at_their_bounds(change: float, expected: str) -> None:
 
 
 def test_a_rule_has_its_own_bounds() -> None:
-    assert [turn_class(change, 20.0, 100.0) for change in (20, 21, -99, 100)] == [
-        STRAIGHT,
-        LEFT,
-        RIGHT,
-        U_TURN,
-    ]
+    assert [turn_class(change, 20.0, 100.0) for change in (20, 21, -99, 100)] == [STRAIGHT, LEFT, RIGHT, U_TURN]
 
 
 @given(st.floats(-180, 180))

@@ -31,9 +31,7 @@ CAR_M = 0.05
 WALKER_M = 2.0
 # One who dodged is a little behind: by 0.1 m in two drives of forty over crosswalks.
 WALKER_ALONG_M = 0.15
-WORDS = (
-    "rule", "clause", "sign_id", "start_s", "end_s", "speed", "value", "threshold", "margin", "unit", "other"
-)  # fmt: skip
+WORDS = ("rule", "clause", "sign_id", "start_s", "end_s", "speed", "value", "threshold", "margin", "unit", "other")
 
 
 def drive(spec: ScenarioSpec, name: str, said: list[Control]) -> EpisodeResult:
@@ -98,10 +96,7 @@ def assert_same_evidence(a: EpisodeFacts, b: EpisodeFacts) -> None:
     for one, other in zip(evidence(a), evidence(b), strict=True):
         assert other.sign_code == mirrored_code(signs, one.sign_code)
         # A turn's value has a sign: left is positive.
-        facts = [
-            [abs(v) if isinstance(v := getattr(e, word), float) else v for word in WORDS]
-            for e in (one, other)
-        ]
+        facts = [[abs(v) if isinstance(v := getattr(e, word), float) else v for word in WORDS] for e in (one, other)]
         exact = WALKER_ALONG_M if one.rule == "crosswalk" else EGO_M
         assert facts[0] == pytest.approx(facts[1], abs=exact), (one.sentence, other.sentence)
         assert (other.x, other.y) == pytest.approx((-one.x, one.y), abs=EGO_M)

@@ -40,9 +40,7 @@ def road() -> RoadNetwork:
                 )
             )  # fmt: skip
         edges[edge] = Edge(edge, "a", "b", (2 * base, 2 * base + 1), False, LENGTH_M, priority=1)
-    return RoadNetwork(
-        tuple(lanes), {lane.id: lane.index for lane in lanes}, edges, {}, (), tuple(() for _ in lanes)
-    )
+    return RoadNetwork(tuple(lanes), {lane.id: lane.index for lane in lanes}, edges, {}, (), tuple(() for _ in lanes))
 
 
 def sign() -> SignInstance:

@@ -52,9 +52,7 @@ def main(command: str, *arguments: str) -> None:
     with (HERE / "calls").open("a") as calls:
         calls.write(json.dumps([command, *arguments]) + "\n")
     if (HERE / "down").exists():
-        fail(
-            "Cannot connect to the Docker daemon at unix:///var/run/docker.sock. Is the docker daemon running?"
-        )
+        fail("Cannot connect to the Docker daemon at unix:///var/run/docker.sock. Is the docker daemon running?")
     if command == "image":
         if arguments[-1] not in IMAGES:
             fail(f"Error response from daemon: No such image: {arguments[-1]}")

@@ -24,12 +24,7 @@ LOADING, SIMULATING, PLANNING, SCORING = 1, 2, 3, 4
 
 class FakeRunner:
     def __init__(
-        self,
-        planner: LoadedPlanner,
-        *,
-        perception: Perception,
-        heartbeat: Callable[[int], None],
-        data: DataSet,
+        self, planner: LoadedPlanner, *, perception: Perception, heartbeat: Callable[[int], None], data: DataSet
     ) -> None:
         del data
         self.name, self._factory = planner.name, planner.factory
@@ -49,17 +44,10 @@ class FakeRunner:
         except PlannerOutputError as problem:
             outcome, error = Outcome.INVALID_OUTPUT, cause_of(problem)
         except Exception as problem:
-            outcome, error, detail = (
-                Outcome.PLANNER_ERROR,
-                cause_of(problem),
-                traceback.format_exc(),
-            )
+            outcome, error, detail = (Outcome.PLANNER_ERROR, cause_of(problem), traceback.format_exc())
         broken = [episode_builders.violation(1.0 + spec.variant / 7)] if spec.seed % 3 == 0 else []
         facts = episode_builders.facts(
-            self._egos,
-            outcome=outcome,
-            target=episode_builders.verdict(*broken, steps=len(broken)),
-            world=self._scene,
+            self._egos, outcome=outcome, target=episode_builders.verdict(*broken, steps=len(broken)), world=self._scene
         )
         return episode_builders.result(
             facts, self.name, spec=spec, error=error, detail=detail,

@@ -50,11 +50,7 @@ class ByTable(Honest):
     def attack(self, context):
         from tsbench.core.seeds import planner_seed
 
-        return [
-            row.sign_code
-            for row in DataSet.in_use().table("dev")
-            if planner_seed(row.pair_name) == context.seed
-        ]
+        return [row.sign_code for row in DataSet.in_use().table("dev") if planner_seed(row.pair_name) == context.seed]
 
 
 class ByFile(Honest):
@@ -279,14 +275,7 @@ class Inherits(Honest):
 
 class WritesRun(Honest):
     def attack(self, context):
-        for folder in (
-            ROOT / "tests",
-            ROOT / "runs",
-            ROOT / "tsbench",
-            Path(sys.prefix),
-            Path("/etc"),
-            Path("/"),
-        ):
+        for folder in (ROOT / "tests", ROOT / "runs", ROOT / "tsbench", Path(sys.prefix), Path("/etc"), Path("/")):
             with suppress(OSError):
                 (folder / "stray").write_text("mine")
                 folder.joinpath("stray").unlink()
@@ -296,9 +285,7 @@ class WritesRun(Honest):
 
 class Connects(Honest):
     def attack(self, context):
-        with socket.create_connection(
-            ("127.0.0.1", int(Path(__file__).with_suffix(".port").read_text())), 1.0
-        ):
+        with socket.create_connection(("127.0.0.1", int(Path(__file__).with_suffix(".port").read_text())), 1.0):
             return True
 
 
@@ -506,9 +493,7 @@ def drive(place: str, scenario: str, *names: str) -> None:
     for name in names:
         spec, _, seed = name.partition("@")
         spec = f"{Path(__file__).parent}/{spec}" if ":" in spec else f"{__file__}:{spec}"
-        loaded = (
-            resolve(spec) if place == "here" else load(PlannerInfo(name, spec, False, True, (), None, None))
-        )
+        loaded = resolve(spec) if place == "here" else load(PlannerInfo(name, spec, False, True, (), None, None))
         planner = Told(loaded.factory(), int(seed) if seed else None)
         loaded = replace(loaded, factory=lambda planner=planner: planner)
         result = EpisodeRunner(loaded, simulation=simulation, loader=loader).run(row)
@@ -518,9 +503,7 @@ def drive(place: str, scenario: str, *names: str) -> None:
         told = record.row
         ticks = result.facts.snapshots
         last = ticks[-1]
-        told = (
-            told["outcome"], told["scd"], len(ticks), last.ego.x, last.ego.y, len(last.actors), len(record.events)
-        )  # fmt: skip
+        told = (told["outcome"], told["scd"], len(ticks), last.ego.x, last.ego.y, len(last.actors), len(record.events))
         print(json.dumps({"name": name, "told": told, "error": result.error}), flush=True)
     simulation.close()
 

@@ -421,9 +421,7 @@ def main(out, *names):
     told = {name: [] for name in names}
     for row in run.episodes.itertuples():
         assert row.error in (None, "") or row.error != row.error, row.error
-        told[row.planner].append(
-            float(read_trace(trace_path(Path(out), row.planner, row.scenario_id)).commands[0, 0])
-        )
+        told[row.planner].append(float(read_trace(trace_path(Path(out), row.planner, row.scenario_id)).commands[0, 0]))
     print(json.dumps(told))
 
 

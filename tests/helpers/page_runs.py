@@ -32,9 +32,7 @@ def an_episode(violated: bool = True, ticks: int = 61) -> EpisodeFacts:
     others = [
         made.Track("car", made.straight(ticks, 125.0, 1.6, math.pi, 5.0)),
         made.Track("convoy_0", bus, made.ActorKind.BUS, (12.0, 2.5), ("east", "west"), lane=1, shift=400.0),
-        made.Track(
-            "walker", made.straight(ticks, 110.0, -8.0, 0.0, 1.0), made.ActorKind.PEDESTRIAN, (0.4, 0.4)
-        ),
+        made.Track("walker", made.straight(ticks, 110.0, -8.0, 0.0, 1.0), made.ActorKind.PEDESTRIAN, (0.4, 0.4)),
     ]
     event = made.violation(3.0, x=90.0, y=-4.8, sentence=SENTENCE)
     target = made.verdict(event) if violated else made.verdict()
@@ -55,9 +53,7 @@ def make_run(folder: Path, planners: tuple[str, ...] = PLANNERS, **other: Any) -
     changes = {"speed_limit_m0_v0": broken, "speed_limit_m1_v0": {"violations": 0}}
     rows = [row for name in planners for row in run_builders.episodes(name, **changes)]
     event = asdict(made.violation(3.0, sentence=SENTENCE))
-    events = [
-        {"planner": name, "scenario_id": TRACED[0], "number": 0, "target": True, **event} for name in planners
-    ]
+    events = [{"planner": name, "scenario_id": TRACED[0], "number": 0, "target": True, **event} for name in planners]
     run = run_builders.make_run(folder, rows, events=events, **other)
     for name in planners:
         for scenario in TRACED:

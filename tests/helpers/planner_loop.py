@@ -25,23 +25,12 @@ from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import Motion, advance
 from tsbench.sim.navigation import Navigator
 from tsbench.sim.scene import EgoStart, Obstacle, Scene, SceneFile
-from tsbench.sim.world import (
-    DT_S,
-    EGO_LENGTH_M,
-    EGO_WIDTH_M,
-    ActorKind,
-    Actors,
-    ActorTable,
-    EgoState,
-    WorldSnapshot,
-)
+from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
 
 KMH = 3.6
 
 
-def target_plate(
-    code: str, edge: str, value: float | None = None, at: float = 0.0, **params: str
-) -> SignInstance:
+def target_plate(code: str, edge: str, value: float | None = None, at: float = 0.0, **params: str) -> SignInstance:
     """The plate that an expert is told, on all lanes of an edge, at an arc length in m."""
     told = plate_params(load_catalog().sign(code).rule.name, params)
     return SignInstance("sign_0", code, value, edge, -1, at, 0.0, 0.0, 0.0, "target", None, told)
@@ -207,9 +196,7 @@ def ids(network: RoadNetwork, source: str, target: str) -> Sequence[str]:
     return [network.lanes[i].id for i in chain]
 
 
-def car(
-    network: RoadNetwork, source: str, target: str, before: float, speed: Callable[[float, World], float]
-) -> Body:
+def car(network: RoadNetwork, source: str, target: str, before: float, speed: Callable[[float, World], float]) -> Body:
     """A car with its front `before` metres before its own line."""
     front = network.lane(f"{source}_0").line.length - before
     return Body(f"{source}{before:.0f}", tuple(ids(network, source, target)), front, speed, (source, target))

@@ -49,17 +49,12 @@ def corridor(name: str = "c-made-1", **more: Any) -> PoolRow:
     return row(name, **{"lanes": 3, "length": 300.0, "edge": "road", **more})
 
 
-def two_way(
-    road_class: str = "secondary", speed: float = FAST, length: float = 240.0
-) -> tuple[PoolRow, PlainNet]:
+def two_way(road_class: str = "secondary", speed: float = FAST, length: float = 240.0) -> tuple[PoolRow, PlainNet]:
     """A straight road with two lanes in each direction, as a corridor, and its crop: edges `road` and `back`."""
     there = ((0.0, 0.0), (length, 0.0))
     a, b = (PlainNode(name, *at) for name, at in zip("ab", there, strict=True))
     kind = {"num_lanes": 2, "speed": speed, "priority": 9, "type": f"highway.{road_class}"}
-    edges = (
-        PlainEdge("road", "a", "b", shape=there, **kind),
-        PlainEdge("back", "b", "a", shape=there[::-1], **kind),
-    )
+    edges = (PlainEdge("road", "a", "b", shape=there, **kind), PlainEdge("back", "b", "a", shape=there[::-1], **kind))
     row = corridor(speed=speed, length=length, lanes=2, opposite="back", road_class=road_class)
     return row, PlainNet((a, b), edges, ())
 

@@ -44,13 +44,9 @@ def failed(error: str) -> dict[str, Any]:
     return dict.fromkeys(names) | {"scd": False, "outcome": "planner_error", "error": error}
 
 
-def episodes(
-    planner: str, maps: int = 6, variants: int = 4, **changes: dict[str, Any]
-) -> list[dict[str, Any]]:
+def episodes(planner: str, maps: int = 6, variants: int = 4, **changes: dict[str, Any]) -> list[dict[str, Any]]:
     """maps x variants of each type; changes: by scenario id with underscores for dashes."""
-    rows = [
-        episode(planner, k, m, v) for k in range(len(TYPES)) for m in range(maps) for v in range(variants)
-    ]
+    rows = [episode(planner, k, m, v) for k in range(len(TYPES)) for m in range(maps) for v in range(variants)]
     return [row | changes.get(row["scenario_id"].replace("-", "_"), {}) for row in rows]
 
 
@@ -59,9 +55,7 @@ def pairs(planner: str, **changes: dict[str, Any]) -> list[dict[str, Any]]:
     signed = [row | {"pair_id": row["scenario_id"], "place": row["map_id"]} for row in episodes(planner)]
     other = {"half": "contrast"}
     contrast = [row | other | {"scenario_id": f"{row['scenario_id']}-c"} for row in signed]
-    contrast = [
-        row | {"scenario_type": "main_road"} if row["group"] == "priority" else row for row in contrast
-    ]
+    contrast = [row | {"scenario_type": "main_road"} if row["group"] == "priority" else row for row in contrast]
     rows = signed + contrast
     return [row | changes.get(row["scenario_id"].replace("-", "_"), {}) for row in rows]
 
@@ -100,10 +94,7 @@ def make_run(
         metadata = {"tsbench_schema": str(SCHEMA_VERSION), "tsbench_contract": contract}
         content = {"episodes.parquet": rows, "violations.parquet": events or []}.get(name, [])
         pq.write_table(pa.Table.from_pylist(content, schema=schema.with_metadata(metadata)), path / name)
-    manifest |= {
-        "status": "complete" if n * len(names) == len(rows) else "interrupted",
-        "files": file_hashes(path),
-    }
+    manifest |= {"status": "complete" if n * len(names) == len(rows) else "interrupted", "files": file_hashes(path)}
     (path / "run.json").write_text(json.dumps(manifest))
     return path
 

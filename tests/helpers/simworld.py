@@ -68,9 +68,7 @@ def block_plain() -> PlainNet:
     pairs = ["ta", "ab", "bc", "cd", "da", "bu"]
     edges = [edge(n[p[0]], n[p[1]], 2 if p == "ta" else 1) for p in pairs]
     edges += [edge(n[p[1]], n[p[0]]) for p in pairs]
-    return plain(
-        list(n.values()), edges, PlainConnection("ta", "ab", 0, 0), PlainConnection("ta", "ad", 1, 0)
-    )
+    return plain(list(n.values()), edges, PlainConnection("ta", "ab", 0, 0), PlainConnection("ta", "ad", 1, 0))
 
 
 def cross_plain() -> PlainNet:
@@ -153,9 +151,7 @@ class SceneMaker:
     ) -> ScenarioSpec:  # fmt: skip
         """A scene as the builder writes one. convoy_at: lane, fronts and route of the convoy's vehicles."""
         network = self.network
-        layout = SceneLayout(
-            (sign,), sign.id, tuple(obstacles), start, destination, convoy, tuple(route), ()
-        )  # fmt: skip
+        layout = SceneLayout((sign,), sign.id, tuple(obstacles), start, destination, convoy, tuple(route), ())
         elements = layout_elements(layout, network) + obstacle_elements(obstacles, network)
         elements += driver_types(drivers) + ego_elements(start, network, route)
         if convoy_at is not None:

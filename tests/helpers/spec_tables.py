@@ -50,6 +50,4 @@ def words(cell: str) -> list[str]:
 
 def numbers(cell: str) -> list[float]:
     """The numbers in a cell, in order; "10-20" are two."""
-    return [
-        float(number) for number in re.findall(r"(?<![\w.])-?\d+(?:\.\d+)?", re.sub(r"(?<=\d)-", " ", cell))
-    ]
+    return [float(number) for number in re.findall(r"(?<![\w.])-?\d+(?:\.\d+)?", re.sub(r"(?<=\d)-", " ", cell))]

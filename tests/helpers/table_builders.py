@@ -19,12 +19,7 @@ def row(planner: str = "idm", kind: str = "yield", group: str = "priority", map_
         "collision": outcome == "collision", "off_road": False, "comfort": 0.5, "mean_speed": 7.0,
     }  # fmt: skip
     metrics = {k: v if done else None for k, v in (metrics | other).items()}
-    names = {
-        "planner": planner,
-        "scenario_id": f"{kind}-{map_id}-{variant}",
-        "scenario_type": kind,
-        "group": group,
-    }
+    names = {"planner": planner, "scenario_id": f"{kind}-{map_id}-{variant}", "scenario_type": kind, "group": group}
     alone = {"pair_id": "", "half": "signed", "place": ""}
     return {**names, "map_id": map_id, "outcome": outcome, **alone, **metrics}
 
@@ -34,18 +29,13 @@ def pair(signed: bool = True, contrast: bool = True, *, outcomes: tuple[str, str
     """Both rows of a pair, and whether they were passed. contrast_kind: type of the contrast plate, "" = the same."""
     first = row(scd=signed, outcome=outcomes[0], **other)
     name = first["scenario_id"]
-    second = row(scd=contrast, outcome=outcomes[1], **other) | {
-        "scenario_id": f"{name}-c",
-        "half": "contrast",
-    }
+    second = row(scd=contrast, outcome=outcomes[1], **other) | {"scenario_id": f"{name}-c", "half": "contrast"}
     second["scenario_type"] = contrast_kind or first["scenario_type"]
     return [made | {"pair_id": name} for made in (first, second)]
 
 
 def records(rows: list[dict[str, Any]]) -> pa.Table:
-    text = {
-        "planner", "scenario_id", "scenario_type", "group", "map_id", "outcome", "pair_id", "half", "place",
-    }  # fmt: skip
+    text = {"planner", "scenario_id", "scenario_type", "group", "map_id", "outcome", "pair_id", "half", "place"}
     flags = {"scd", "destination", "sign_compliant", "sign_engaged", "collision", "off_road"}
     kinds = {k: pa.string() if k in text else pa.bool_() if k in flags else pa.float64() for k in row()}
     return pa.Table.from_pylist(rows, schema=pa.schema(list(kinds.items())))

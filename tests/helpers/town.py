@@ -46,9 +46,7 @@ def make_town() -> Town:
     for x in xs:
         town.road([(x, y) for y in ys], "tertiary", lanes="2")
     town.tagged[town.node(150, 130)] = "traffic_signals"
-    ring = [
-        (300 + 20 * math.cos(a), -400 + 20 * math.sin(a)) for a in (math.radians(15 * i) for i in range(24))
-    ]
+    ring = [(300 + 20 * math.cos(a), -400 + 20 * math.sin(a)) for a in (math.radians(15 * i) for i in range(24))]
     town.road([*ring, ring[0]], "tertiary", junction="roundabout", oneway="yes", lanes="1")
     for k in range(4):
         cx, cy = ring[6 * k]

@@ -37,8 +37,7 @@ def town_clone(root: Path) -> Iterator[Path]:
     city = yaml.safe_load((root / "cities" / "north-bayreuth.yaml").read_text())
     city |= {"city": "nowhere", "split": {"tile_m": 2000, "test_share": 0.0}, "maps": {"dev": 1}}
     city["extracts"] = [
-        city["extracts"][0]
-        | {"name": "nowhere", "code": "now", "sha256": digest, "bytes": extract.stat().st_size}
+        city["extracts"][0] | {"name": "nowhere", "code": "now", "sha256": digest, "bytes": extract.stat().st_size}
     ]
     (root / "cities" / "nowhere.yaml").write_text(yaml.safe_dump(city))
     (root / "cities" / "elsewhere.yaml").write_text(yaml.safe_dump(city | {"city": "elsewhere", "zone": 33}))

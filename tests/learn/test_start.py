@@ -12,8 +12,6 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.mark.parametrize("program", ["/somewhere/bin/tsbench", "/somewhere/tsbench/__main__.py"])
-def test_a_command_is_the_same_however_tsbench_was_started(
-    program: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_command_is_the_same_however_tsbench_was_started(program: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "argv", [program, "train", "plant2", "--seed", "1"])
     assert command_line() == "tsbench train plant2 --seed 1"

@@ -54,9 +54,7 @@ def described(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., 
 
     def write(changes: dict[str, Any], name: str = "here") -> str:
         changed = {**content, "city": name, **changes}
-        (tmp_path / f"{name}.yaml").write_text(
-            yaml.safe_dump({k: v for k, v in changed.items() if v is not None})
-        )
+        (tmp_path / f"{name}.yaml").write_text(yaml.safe_dump({k: v for k, v in changed.items() if v is not None}))
         return name
 
     return write
@@ -100,10 +98,8 @@ EXTRACT = {
         ({"extracts": [{**EXTRACT, "bytes": 0}]}, "bytes: must be a whole number >= 1"),
         ({"extracts": [EXTRACT, {**EXTRACT, "name": "b"}]}, "the same code stands twice"),
     ],
-)  # fmt: skip
-def test_a_wrong_description_is_one_line(
-    described: Callable[..., str], changes: dict[str, Any], says: str
-) -> None:
+)
+def test_a_wrong_description_is_one_line(described: Callable[..., str], changes: dict[str, Any], says: str) -> None:
     name = described(changes)
     with pytest.raises(InputError, match=says) as caught:
         load_city(name)
@@ -111,9 +107,7 @@ def test_a_wrong_description_is_one_line(
 
 
 def test_the_bounds_themselves_are_fine(described: Callable[..., str]) -> None:
-    found = load_city(
-        described({"zone": 60, "maps": {"dev": 1}, "split": {"tile_m": 500, "test_share": 0.0}})
-    )
+    found = load_city(described({"zone": 60, "maps": {"dev": 1}, "split": {"tile_m": 500, "test_share": 0.0}}))
     assert (found.zone, found.maps, found.split.test_share) == (60, {"dev": 1}, 0.0)
 
 
@@ -137,9 +131,7 @@ def test_speeds_of_a_country_that_has_no_file_are_not_invented(described: Callab
 @pytest.mark.parametrize(
     ("country", "code", "side"), [("DE", "de", "right"), ("Ie", "ie", "left"), ("no", "no", "right")]
 )
-def test_a_country_s_code_in_any_case(
-    described: Callable[..., str], country: str, code: str, side: str
-) -> None:
+def test_a_country_s_code_in_any_case(described: Callable[..., str], country: str, code: str, side: str) -> None:
     city = load_city(described({"country": country, "side": side, "types": "town.typ.xml"}))
     assert (city.country, city.side, city.frame.mirrored) == (code, side, side == "left")
 
@@ -165,8 +157,7 @@ def test_the_city_in_use_has_its_own_data_and_is_left_again(monkeypatch: pytest.
     with using_city("krems"):
         # What the city does not have is not Moscow's.
         assert (
-            DataSet.in_use().file("scenarios/test.parquet")
-            == data_root() / "cities/data/krems/scenarios/test.parquet"
+            DataSet.in_use().file("scenarios/test.parquet") == data_root() / "cities/data/krems/scenarios/test.parquet"
         )
         with using_city("andorra"):
             assert DataSet.in_use().name == "andorra"
@@ -206,9 +197,7 @@ def test_strangers_in_the_folder_do_not_matter(described: Callable[..., str], tm
         assert list_extracts(folder) == [folder / "a.osm"]
 
 
-def test_an_extract_is_fetched_once_whatever_its_ending(
-    described: Callable[..., str], tmp_path: Path
-) -> None:
+def test_an_extract_is_fetched_once_whatever_its_ending(described: Callable[..., str], tmp_path: Path) -> None:
     import hashlib
 
     content = b"<osm/>"
@@ -224,10 +213,7 @@ def test_an_extract_is_fetched_once_whatever_its_ending(
     (folder / "st.gallen.osm.xml").rename(folder / "st.gallen.OSM")
     fetch_extracts(name, folder, told.append)
     assert [path.name for path in folder.iterdir()] == ["st.gallen.OSM"]
-    assert [line.split(": ")[0] for line in told] == [
-        f"{folder}/st.gallen.osm.xml",
-        f"{folder}/st.gallen.OSM",
-    ]
+    assert [line.split(": ")[0] for line in told] == [f"{folder}/st.gallen.osm.xml", f"{folder}/st.gallen.OSM"]
     with using_city(name):
         assert list_extracts(folder) == [folder / "st.gallen.OSM"]
 
@@ -241,9 +227,7 @@ def test_why_a_town_carries_no_more_of_a_type(described: Callable[..., str]) -> 
         {"type_id": "yield", "split": "test", "maps": {"T": 1}, "reasons": {"the arm is # m long": 1}},
         {"type_id": "main_road", "split": "test", "maps": {"T": 2}, "reasons": {"the arm is # m long": 1}},
     ]
-    found = {
-        (c.type_id, c.split): (c.there, c.maps, c.wanted, c.why) for c in carried(city, pool, recipes, report)
-    }
+    found = {(c.type_id, c.split): (c.there, c.maps, c.wanted, c.why) for c in carried(city, pool, recipes, report)}
     assert found["yield", "test"] == (2, 1, 2, "1 the arm is … m long")
     assert found["main_road", "test"] == (2, 2, 2, "")
     assert found["yield", "dev"] == (0, 0, 1, "no junction of T, X in its tiles")

@@ -140,12 +140,7 @@ def test_a_planner_scores_the_same_in_any_company() -> None:
 @given(st.integers(0, 1000), st.floats(0.0, 0.5))
 def test_figures_hold_together(seed: int, errors: float) -> None:
     p = only(random_rows(types=4, maps=5, variants=2, errors=errors, seed=seed))
-    for figure in (
-        p.primary.overall,
-        *p.primary.groups.values(),
-        *p.primary.types.values(),
-        *p.metrics.values(),
-    ):
+    for figure in (p.primary.overall, *p.primary.groups.values(), *p.primary.types.values(), *p.metrics.values()):
         for e in (figure.strict, figure.completed):
             if e is None or e.value is None or e.low is None or e.high is None:
                 continue

@@ -117,14 +117,7 @@ def test_speeds_are_those_of_moving_background_cars(busy: ScenarioSpec, net_fold
 
 def test_rows_that_count(busy: ScenarioSpec) -> None:
     rows = [
-        replace(
-            busy,
-            scenario_id=f"s{k}",
-            variant=k % 10,
-            group=g,
-            density=4.0 * (k % 10 > 0),
-            initial_speed=float(k),
-        )
+        replace(busy, scenario_id=f"s{k}", variant=k % 10, group=g, density=4.0 * (k % 10 > 0), initial_speed=float(k))
         for k, g in enumerate(["priority"] * 20 + ["speed"] * 20)
     ]
     assert grid_speeds(rows).tolist() == [float(k) for k in range(20) if k % 10]

@@ -14,9 +14,7 @@ from tsbench.metrics.tracks import tracks_of
 from tsbench.sim.world import DT_S, EgoState
 
 
-def driven(
-    acceleration: list[float], yaw_rate: list[float] | None = None, speed: float = 10.0
-) -> list[EgoState]:
+def driven(acceleration: list[float], yaw_rate: list[float] | None = None, speed: float = 10.0) -> list[EgoState]:
     yaw_rate = yaw_rate or [0.0] * len(acceleration)
     egos, v, heading, x = [], speed, 0.0, 0.0
     for a, w in zip(acceleration, yaw_rate, strict=True):
@@ -29,9 +27,7 @@ def of(egos: list[EgoState]) -> float | None:
     return comfort(tracks_of(made.snapshots(egos)))
 
 
-@pytest.mark.parametrize(
-    ("window", "order", "derivative"), [(8, 2, 0), (15, 2, 1), (15, 3, 2), (5, 2, 0), (4, 3, 2)]
-)
+@pytest.mark.parametrize(("window", "order", "derivative"), [(8, 2, 0), (15, 2, 1), (15, 3, 2), (5, 2, 0), (4, 3, 2)])
 @pytest.mark.parametrize("n", [15, 16, 200])
 def test_the_filter_is_scipys(window: int, order: int, derivative: int, n: int) -> None:
     signal = np.random.default_rng(1).normal(size=(2, n))

@@ -135,9 +135,7 @@ def test_no_more_pairs_are_passed_than_halves(seed: int) -> None:
             assert figure.main.value is not None
             assert value is not None
             assert figure.main.value <= value + 1e-9
-    means = {
-        part: np.mean([p.scores[part].types[kind].main.value for kind in paired.types]) for part in p.scores
-    }
+    means = {part: np.mean([p.scores[part].types[kind].main.value for kind in paired.types]) for part in p.scores}
     assert paired.overall.main.value == pytest.approx(means["paired_scd"])
     assert means["paired_scd"] <= min(means["signed_scd"], means["contrast_scd"]) + 1e-9
 

@@ -9,12 +9,7 @@ from hypothesis.strategies import DataObject, DrawFn, booleans, composite, data,
 from statsmodels.stats.proportion import proportion_confint
 
 from tsbench.geometry.polyline import Array
-from tsbench.metrics.intervals import (
-    MIN_CLUSTERS,
-    ClusterBootstrap,
-    share_ends,
-    share_interval,
-)
+from tsbench.metrics.intervals import MIN_CLUSTERS, ClusterBootstrap, share_ends, share_interval
 
 
 @given(n=integers(1, 2_000), passed=data())

@@ -213,10 +213,7 @@ def test_a_mean_over_pairs_does_not_depend_on_the_number_of_types() -> None:
     a, b = rng.uniform(0.0, 1.0, 80), rng.uniform(0.0, 1.0, 80)
     metric = next(m for m in METRICS.values() if not m.binary and m.scale == 1.0)
     found = between(a, b, metric, parts=4)
-    assert (found.a, found.b) == (
-        pytest.approx(a.mean(), abs=0.01),
-        pytest.approx(b.mean(), abs=0.01),
-    )
+    assert (found.a, found.b) == (pytest.approx(a.mean(), abs=0.01), pytest.approx(b.mean(), abs=0.01))
     assert found.low is not None
     assert found.low <= found.value <= (found.high or 0.0)
 
@@ -266,12 +263,7 @@ def compared(rows: list[dict[str, object]], a: str = "idm", b: str = "idm-e", se
 def test_errors_count_in_the_strict_figure_only() -> None:
     rows = [row("idm", map_id=f"m{k}") for k in range(10)]
     rows += [
-        row(
-            "idm-e",
-            map_id=f"m{k}",
-            outcome="sim_error" if k < 2 else "arrived",
-            **({"scd": False} if k < 2 else {}),
-        )
+        row("idm-e", map_id=f"m{k}", outcome="sim_error" if k < 2 else "arrived", **({"scd": False} if k < 2 else {}))
         for k in range(10)
     ]
     c = compared(rows)
@@ -294,12 +286,7 @@ def test_a_comparison_agrees_with_its_records() -> None:
     assert sum(not f.won for f in c.flips) == sum(d.lost or 0 for d in strict)
     assert [f.won for f in c.flips] == sorted(f.won for f in c.flips)
     assert all(d.p_holm is not None and d.p is not None and d.p_holm >= d.p for d in strict)
-    for figure in (
-        c.primary.overall,
-        *c.primary.groups.values(),
-        *c.primary.types.values(),
-        c.metrics["efficiency"],
-    ):
+    for figure in (c.primary.overall, *c.primary.groups.values(), *c.primary.types.values(), c.metrics["efficiency"]):
         for d in (figure.main, figure.completed):
             assert d.low is not None
             assert d.high is not None

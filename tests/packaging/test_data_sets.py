@@ -34,10 +34,7 @@ def test_every_file_of_data_is_in_one_set() -> None:
 
 
 def test_what_is_laid_out_is_what_is_fetched(
-    data_sets_script: ModuleType,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    data_sets_script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from tsbench.core.fetch import fetch_set
 

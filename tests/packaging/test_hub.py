@@ -60,9 +60,7 @@ def test_a_record_can_be_read_through_it(hub: Path) -> None:
 def test_fewer_than_a_hundred_files_each_under_its_licence(hub: Path) -> None:
     names = [path.relative_to(hub).as_posix() for path in hub.rglob("*") if path.is_file()]
     assert len(names) < 100
-    sums = dict(
-        reversed(line.split("  ")) for line in (hub / "SHA256SUMS").read_text(encoding="utf-8").splitlines()
-    )
+    sums = dict(reversed(line.split("  ")) for line in (hub / "SHA256SUMS").read_text(encoding="utf-8").splitlines())
     assert sums == {name: sha256_of(hub / name) for name in names if name != "SHA256SUMS"}
     for name in names:
         if name.endswith(".parquet"):
@@ -97,11 +95,7 @@ def test_too_many_files_are_refused(hub: Path, tmp_path: Path) -> None:
     code += "hub['build'].__globals__['MOST_FILES'] = 82; "
     code += "hub['build'](pathlib.Path(sys.argv[1]), 'v9', datetime.date(2026, 1, 1))"
     done = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path / "hub")],
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
+        [sys.executable, "-c", code, str(tmp_path / "hub")], cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 1
     assert "join more of them" in done.stderr

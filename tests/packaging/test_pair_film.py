@@ -40,9 +40,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_film_of_a_run_ends_with_the_verdict_of_each_episode(
-    script: ModuleType, run: Path, tmp_path: Path
-) -> None:
+def test_a_film_of_a_run_ends_with_the_verdict_of_each_episode(script: ModuleType, run: Path, tmp_path: Path) -> None:
     first, again = tmp_path / "first.gif", tmp_path / "again.gif"
     for path in (first, again):
         script.main(str(run), PAIR, str(path), *PLANNERS)

@@ -25,12 +25,7 @@ def done(*command: object, cwd: Path, **env: str) -> subprocess.CompletedProcess
     """Run a command to its end without what this environment says about Python and data."""
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("PYTHON", "TSBENCH", "VIRTUAL_ENV"))}
     return subprocess.run(
-        [str(part) for part in command],
-        cwd=cwd,
-        env={**kept, **env},
-        capture_output=True,
-        text=True,
-        check=False,
+        [str(part) for part in command], cwd=cwd, env={**kept, **env}, capture_output=True, text=True, check=False
     )
 
 
@@ -39,9 +34,7 @@ def wheels(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with both wheels, built from this clone as `make package` does."""
     folder = tmp_path_factory.mktemp("dist")
     options = ("--no-deps", "--no-build-isolation", "--no-index", "--wheel-dir", folder)
-    built = done(
-        sys.executable, "-m", "pip", "wheel", *options, ROOT, ROOT / "packaging/tsbench-data", cwd=ROOT
-    )
+    built = done(sys.executable, "-m", "pip", "wheel", *options, ROOT, ROOT / "packaging/tsbench-data", cwd=ROOT)
     assert built.returncode == 0, built.stderr
     return folder
 
@@ -71,9 +64,7 @@ def test_the_code_comes_with_catalogue_and_weights_and_nothing_else(wheels: Path
 
 def test_the_data_are_those_of_the_dev_and_test_splits(wheels: Path) -> None:
     inside = names_in(wheels, "tsbench_data-*.whl")
-    asked = json.loads((ROOT / "tsbench/core/data_manifest.json").read_text(encoding="utf-8"))["sets"][
-        "test"
-    ]["files"]
+    asked = json.loads((ROOT / "tsbench/core/data_manifest.json").read_text(encoding="utf-8"))["sets"]["test"]["files"]
     assert set(inside) == {f"tsbench_data/{name}" for name, *_ in asked} | {"tsbench_data/__init__.py"}
     kinds = Counter("/".join(name.split("/")[1:-1]) for name in inside)
     assert kinds == {
@@ -87,18 +78,14 @@ def test_the_data_are_those_of_the_dev_and_test_splits(wheels: Path) -> None:
 
 def test_data_that_are_not_the_manifests_are_not_packed(tmp_path: Path) -> None:
     clone = tmp_path / "clone"
-    shutil.copytree(
-        ROOT / "packaging", clone / "packaging", ignore=shutil.ignore_patterns("build", "__pycache__")
-    )
+    shutil.copytree(ROOT / "packaging", clone / "packaging", ignore=shutil.ignore_patterns("build", "__pycache__"))
     for name in ("tsbench/__init__.py", "tsbench/core/data_manifest.json"):
         (clone / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, clone / name)
     for name in ("scenarios", "sumo_nets"):
         (clone / name).mkdir()
     shutil.copytree(ROOT / "cities", clone / "cities", ignore=shutil.ignore_patterns("data"))
-    (clone / "scenarios/build_report.json").write_bytes(
-        (ROOT / "scenarios/build_report.json").read_bytes() + b" "
-    )
+    (clone / "scenarios/build_report.json").write_bytes((ROOT / "scenarios/build_report.json").read_bytes() + b" ")
     options = ("--no-deps", "--no-build-isolation", "--no-index", "--wheel-dir", tmp_path)
     built = done(sys.executable, "-m", "pip", "wheel", *options, clone / "packaging/tsbench-data", cwd=clone)
     assert built.returncode != 0
@@ -119,17 +106,7 @@ def user(wheels: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     (folder / "asked.txt").write_text("\n".join(project["dependencies"]), encoding="utf-8")
     lock = ("--require-hashes", "--constraint", ROOT / "requirements.lock")
-    got = done(
-        python,
-        "-m",
-        "pip",
-        "install",
-        "--no-compile",
-        *lock,
-        "--requirement",
-        folder / "asked.txt",
-        cwd=folder,
-    )
+    got = done(python, "-m", "pip", "install", "--no-compile", *lock, "--requirement", folder / "asked.txt", cwd=folder)
     assert got.returncode == 0, got.stderr
     # Without an index: nothing but what was asked for is needed.
     got = done(python, "-m", "pip", "install", "--no-index", *sorted(wheels.glob("*.whl")), cwd=folder)
@@ -174,19 +151,7 @@ def test_what_does_not_come_with_the_wheels_is_named_and_fetched(user: Path, tmp
         assert ended.stderr.count("\n") == 1
         return ended.stderr
 
-    options = (
-        "run",
-        "--planner",
-        "idm",
-        "--split",
-        "train",
-        "--limit",
-        "1",
-        "--workers",
-        "1",
-        "--out",
-        "run",
-    )
+    options = ("run", "--planner", "idm", "--split", "train", "--limit", "1", "--workers", "1", "--out", "run")
     assert "tsbench data fetch --from DIR|URL train" in told(*options)
     assert "pip install 'tsbench[report]'" in told("report", "run")
     assert "set TSBENCH_DATA to a clone" in told("scenarios", "certify")

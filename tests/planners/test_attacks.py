@@ -15,8 +15,7 @@ from tsbench.sim.junction_traffic import JunctionTraffic
 ROOT = Path(tsbench.__file__).parent.parent
 WATCHERS = ("Stands", "Creeps", "Dips")
 WHERE = dict.fromkeys(
-    ("Remembers", *WATCHERS, "Follows", "Between", "Rushes", "Hastens", "Presses", "Brushes", "Weaves"),
-    "attacks",
+    ("Remembers", *WATCHERS, "Follows", "Between", "Rushes", "Hastens", "Presses", "Brushes", "Weaves"), "attacks"
 ) | dict.fromkeys(("Peeks", "Lowest"), "peeks")
 TYPES = ("main_road", "yield", "speed_limit")
 

@@ -47,9 +47,7 @@ def test_it_obeys_a_speed_limit() -> None:
     inside = [e.speed * KMH for e in world.states if 201.0 < front_of(e) < 399.0]
     assert 27.0 < min(inside) <= max(inside) < 31.0
     assert max(e.speed * KMH for e in world.states if front_of(e) > 450.0) > 40.0
-    assert [v.clause for v in verdict(world).violations] == [
-        "over_limit"
-    ]  # the end plate is not in that scene
+    assert [v.clause for v in verdict(world).violations] == ["over_limit"]  # the end plate is not in that scene
 
 
 def test_every_name_exists() -> None:

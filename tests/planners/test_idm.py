@@ -71,11 +71,7 @@ def test_stops_before_an_obstacle_in_its_lane_and_stays_there(speed: float) -> N
 def test_an_obstacle_on_the_other_lane_is_none() -> None:
     network = load("corridor")
     obstacles = cones(network.lane("ab_1"), 110.0)
-    assert (
-        World(network, "ab_0", 20.0, 11.0, Destination("bd", 60.0), obstacles=obstacles)
-        .run(Idm(), 40.0)
-        .arrived
-    )
+    assert World(network, "ab_0", 20.0, 11.0, Destination("bd", 60.0), obstacles=obstacles).run(Idm(), 40.0).arrived
 
 
 @settings(max_examples=12, deadline=None)
@@ -178,13 +174,10 @@ def test_a_tick_is_cheap() -> None:
 def test_changes_lanes_with_the_route_but_not_into_somebody(beside: bool) -> None:
     network = load("fork")
     cars = [
-        Body(f"b{k}", ("ab_0", ":b_0_0", "bs_0"), 22.0 + 11.0 * k, constant(9.0))
-        for k in range(4 if beside else 0)
+        Body(f"b{k}", ("ab_0", ":b_0_0", "bs_0"), 22.0 + 11.0 * k, constant(9.0)) for k in range(4 if beside else 0)
     ]
     world = World(network, "ab_1", 30.0, 9.0, Destination("bs", 60.0), bodies=cars).run(Idm(), 60.0)
     assert world.arrived
     for ego, poses in zip(world.states, world.poses, strict=False):
         for x, y, heading in poses.values():
-            assert not boxes_overlap(
-                ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M, x, y, heading, 4.5, 1.8
-            )
+            assert not boxes_overlap(ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M, x, y, heading, 4.5, 1.8)

@@ -9,17 +9,7 @@ import numpy as np
 import pytest
 from learned_scenes import SPEED, Recorder, record, with_signs
 
-from tsbench.learn.carl.raster import (
-    DRIVABLE,
-    EGO,
-    LIGHTS,
-    LIMITS,
-    OTHERS,
-    ROUTE,
-    STOPS,
-    VEHICLES,
-    RasterEncoder,
-)
+from tsbench.learn.carl.raster import DRIVABLE, EGO, LIGHTS, LIMITS, OTHERS, ROUTE, STOPS, VEHICLES, RasterEncoder
 from tsbench.learn.ppo import vector
 from tsbench.learn.ppo.vector import SIZE, VectorEncoder
 from tsbench.planners.base import Observation

@@ -47,9 +47,7 @@ def _cross(planner: Reader, arrives_s: float, speed: float = 8.0) -> World:
     """From the south over a main road, on which one vehicle comes."""
     network = load("cross")
     lane, main = network.lane("sc_0").line.length, network.lane("wc_0").line.length
-    body = Body(
-        "other", tuple(ids(network, "wc", "ce")), main - speed * arrives_s, constant(speed), ("wc", "ce")
-    )
+    body = Body("other", tuple(ids(network, "wc", "ce")), main - speed * arrives_s, constant(speed), ("wc", "ce"))
     plate = SignView("2.4", None, 0.0, 0.0, 0.0, "sc", -1, lane - 3.0, 10.0)
     return World(
         network, "sc_0", lane - 40.0, 8.0, Destination("cn", 60.0), bodies=[body], signs=(plate,),

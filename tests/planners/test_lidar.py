@@ -30,12 +30,7 @@ def brute(lines: list[shapely.LineString], x: float, y: float, heading: float) -
 def test_boxes_are_where_brute_force_sees_them(seed: int) -> None:
     rng = np.random.default_rng(seed)
     boxes = np.column_stack(
-        (
-            rng.uniform(-60, 60, (12, 2)),
-            rng.uniform(-4, 4, 12),
-            rng.uniform(0.4, 12, 12),
-            rng.uniform(0.4, 3, 12),
-        )
+        (rng.uniform(-60, 60, (12, 2)), rng.uniform(-4, 4, 12), rng.uniform(0.4, 12, 12), rng.uniform(0.4, 3, 12))
     )
     boxes = boxes[np.hypot(boxes[:, 0], boxes[:, 1]) > 8.0]
     x, y, heading = rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(-4, 4)

@@ -91,9 +91,7 @@ def test_the_reference_lists_every_class() -> None:
     for target, members in blocks:
         names = [f"{target}.{name.strip()}" for name in members.split(",")] if members else [target]
         listed |= set(names)
-    missing = [
-        name for name, kind in shown().items() if f"{kind.__module__}.{kind.__qualname__}" not in listed
-    ]
+    missing = [name for name, kind in shown().items() if f"{kind.__module__}.{kind.__qualname__}" not in listed]
     assert missing == []
     assert {f"tsbench.sim.world.{kind.__name__}" for kind in (ActorKind, Indicator)} <= listed
 
@@ -115,9 +113,7 @@ class Keeping:
 
 def test_what_the_page_says_of_a_drive() -> None:
     planner = Keeping()
-    row = next(
-        row for row in DataSet.in_use().table("dev") if row.scenario_type == "yield" and row.variant == 1
-    )
+    row = next(row for row in DataSet.in_use().table("dev") if row.scenario_type == "yield" and row.variant == 1)
     episode = Episode(row, simulation=simulation())
     context = episode.context
     planner.reset(context)

@@ -17,9 +17,7 @@ def test_a_specification_carries_its_image() -> None:
         spec.in_image("other")
 
 
-@pytest.mark.parametrize(
-    "written", ["image:--privileged mine.py:Mine", "image:-v=/:/host x", "image: x", "image:"]
-)
+@pytest.mark.parametrize("written", ["image:--privileged mine.py:Mine", "image:-v=/:/host x", "image: x", "image:"])
 def test_an_option_is_no_image(written: str) -> None:
     with pytest.raises(InputError, match="is no name of an image"):
         PlannerSpec.parse(written)
@@ -32,11 +30,7 @@ def test_what_is_no_name_is_no_image(image: str) -> None:
 
 
 def test_programs_and_images_are_isolated_only() -> None:
-    assert [PlannerSpec.parse(one).isolated_only for one in ("idm-e", "exe:./a", "image:b idm")] == [
-        False,
-        True,
-        True,
-    ]
+    assert [PlannerSpec.parse(one).isolated_only for one in ("idm-e", "exe:./a", "image:b idm")] == [False, True, True]
     assert PlannerSpec("mine.py:Mine-e").base == "mine.py:Mine"
     assert PlannerSpec("idm").program is None
     with pytest.raises(InputError, match="no file that can be executed"):

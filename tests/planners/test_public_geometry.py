@@ -119,7 +119,7 @@ def agents(*rows: tuple[int, float]) -> Agents:
     none, x = Agents.none(), np.array([x for _, x in rows])
     return replace(
         none, ids=np.array([k for k, _ in rows], dtype=np.int32), pose=np.column_stack((x, -x, 0 * x)), speed=2 * x
-    )  # fmt: skip
+    )
 
 
 def test_history_of_those_in_sight() -> None:

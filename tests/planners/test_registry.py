@@ -103,9 +103,7 @@ def steady(observation): return Control(1.0, 0.0)
 """
 
 
-def test_every_planner_that_follows_a_route_has_an_expert(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_planner_that_follows_a_route_has_an_expert(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "bases.py").write_text(EXPERTS)
     monkeypatch.chdir(tmp_path)
     for spec in ("bases:Slow-e", "bases.py:Slow-e", f"{tmp_path / 'bases.py'}:steady-e"):

@@ -103,18 +103,14 @@ def wide(look: Look) -> bool:
 @pytest.mark.slow
 def test_sign_ahead_is_the_way_to_the_plates_place(looks: list[Look]) -> None:
     far = [
-        look
-        for look in looks
-        if look.on_route and abs(look.ahead - look.place) > (_WIDE_BEND_M if wide(look) else 0.1)
+        look for look in looks if look.on_route and abs(look.ahead - look.place) > (_WIDE_BEND_M if wide(look) else 0.1)
     ]
     assert far == []
 
 
 @pytest.mark.slow
 def test_a_junctions_line_is_three_metres_behind_the_plate(looks: list[Look]) -> None:
-    junction = [
-        look for look in looks if look.on_route and look.reference == "line" and look.judged is not None
-    ]
+    junction = [look for look in looks if look.on_route and look.reference == "line" and look.judged is not None]
     assert len({look.sign.code for look in junction}) > 12
     assert [look.line - look.ahead for look in junction] == pytest.approx([3.0] * len(junction), abs=0.05)
 

@@ -22,9 +22,7 @@ def test_drivers_fill_their_band_and_no_more(style: type) -> None:
     low, high = CRUISE_KMH[style]
     cruise = np.array([d.top_speed for d in drivers]) * 3.6
     assert low - 0.5 <= cruise.min() < cruise.max() <= high + 0.5
-    assert cruise.max() - cruise.min() > 0.9 * 3.6 * (
-        quantile_speed(style.band[1]) - quantile_speed(style.band[0])
-    )
+    assert cruise.max() - cruise.min() > 0.9 * 3.6 * (quantile_speed(style.band[1]) - quantile_speed(style.band[0]))
     for values, least, most in (
         ([d.min_gap_m for d in drivers], 2.0, 10.0),
         ([d.headway_s for d in drivers], 0.8, 2.5),
@@ -65,8 +63,6 @@ def test_the_laziest_brakes_too_keep_the_lane_in_turns(style: type, target: str)
 @pytest.mark.parametrize("style", STYLES)
 def test_never_runs_into_a_leader(style: type) -> None:
     stopped = Body("s", ("ab_0",), 120.0, constant(0.0))
-    world = World(load("long"), "ab_0", 20.0, 11.0, Destination("ab", 1900.0), bodies=[stopped]).run(
-        style(), 60.0
-    )
+    world = World(load("long"), "ab_0", 20.0, 11.0, Destination("ab", 1900.0), bodies=[stopped]).run(style(), 60.0)
     assert world.ego.s + 2.26 < 115.5
     assert world.ego.speed < 0.1

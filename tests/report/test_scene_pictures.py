@@ -128,9 +128,7 @@ def test_the_plate_stands_right_of_its_post(trace: Trace, scene: Scene) -> None:
     page = eye.page(0)
     # The traffic faces east, so right is down; the frame and the red rim are below the post at y = -8.
     px = eye._ground_camera.px([(100.0, -8.0)])[0]
-    below = page[STYLE.header_px + round(px[1]) : STYLE.header_px + round(px[1]) + 60, round(px[0])].astype(
-        int
-    )
+    below = page[STYLE.header_px + round(px[1]) : STYLE.header_px + round(px[1]) + 60, round(px[0])].astype(int)
     assert (np.abs(below - STYLE.plate_line).sum(axis=1) < 20).any()
     assert ((below[:, 0] > 150) & (below[:, 1] < 60) & (below[:, 2] < 60)).any()
 
@@ -193,19 +191,9 @@ def test_an_episode_without_violation_shows_its_middle(scene: Scene, tmp_path: P
 
 def test_scene_picture(scene: Scene, tmp_path: Path) -> None:
     picture = scene_picture(scene, "a title " * 60)
-    codes = np.unique(
-        picture.reshape(-1, 3).astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], dtype=np.uint32)
-    )
+    codes = np.unique(picture.reshape(-1, 3).astype(np.uint32) @ np.array([1 << 16, 1 << 8, 1], dtype=np.uint32))
     seen = {(c >> 16, c >> 8 & 255, c & 255) for c in codes.tolist()}
-    assert {
-        STYLE.asphalt,
-        STYLE.ground,
-        STYLE.marking,
-        STYLE.ego,
-        STYLE.destination,
-        STYLE.route,
-        STYLE.cone,
-    } <= seen
+    assert {STYLE.asphalt, STYLE.ground, STYLE.marking, STYLE.ego, STYLE.destination, STYLE.route, STYLE.cone} <= seen
     # The legend holds colours too, so what stands there is looked for above it.
     view = picture[STYLE.header_px : -STYLE.footer_px]
     for colour in (STYLE.ego, STYLE.car, STYLE.cone, STYLE.destination):
@@ -290,9 +278,7 @@ def test_the_command_with_wrong_names(run: Path, tmp_path: Path) -> None:
 
 
 def test_an_episode_of_several_planners_must_be_named(run: Path) -> None:
-    write_trace(
-        trace_path(run, "my.py:P", made.spec().scenario_id), made.result(an_episode(), planner="my.py:P")
-    )
+    write_trace(trace_path(run, "my.py:P", made.spec().scenario_id), made.result(an_episode(), planner="my.py:P"))
     _, error = call(run, made.spec().scenario_id)
     assert isinstance(error, InputError)
     assert "idm/speed_limit-000-0, my.py:P/speed_limit-000-0" in str(error)

@@ -80,9 +80,7 @@ def test_no_route_is_better_than_the_one_found(
         assert best == math.inf
         return
     assert (route[0], route[-1]) == (source, target)
-    length = sum(
-        graph.crossing_length(a, b) + graph.network.edges[b].length for a, b in pairwise(route)
-    )  # fmt: skip
+    length = sum(graph.crossing_length(a, b) + graph.network.edges[b].length for a, b in pairwise(route))
     assert length == pytest.approx(best)
     assert not set(pairwise(route)) & turns
     assert not set(route[1:]) & edges
@@ -98,9 +96,7 @@ def test_a_path_without_lane_change_is_the_lanes_themselves(block: RoadNetwork, 
     check_smooth(path.line)
 
 
-def test_a_lane_change_is_smooth_and_ends_in_the_lane_that_leads_on(
-    block: RoadNetwork, graph: LaneGraph
-) -> None:
+def test_a_lane_change_is_smooth_and_ends_in_the_lane_that_leads_on(block: RoadNetwork, graph: LaneGraph) -> None:
     path = graph.path(LONG, block.lane("ta_0").index, 10.0, END)
     assert path is not None
     assert names(block, path)[:3] == ["ta_1", "ta_1", ":a_5_0"]
@@ -119,9 +115,7 @@ def test_late_on_the_edge_the_change_is_short_but_made(block: RoadNetwork, graph
         path = graph.path(LONG, block.lane("ta_0").index, length - left, END)
         assert path is not None
         assert ":a_5_0" in names(block, path)
-        assert path.line.point_at(path.destination_s) == pytest.approx(
-            block.lane("bu_0").line.point_at(100.0)
-        )
+        assert path.line.point_at(path.destination_s) == pytest.approx(block.lane("bu_0").line.point_at(100.0))
 
 
 def test_from_inside_a_junction(block: RoadNetwork, graph: LaneGraph) -> None:

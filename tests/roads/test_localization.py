@@ -35,9 +35,7 @@ def test_inside_polygon_of_a_bent_area() -> None:
 
 
 @given(data=st.data())
-def test_inside_a_strip_the_lane_and_the_frenet_place_are_found(
-    block: RoadNetwork, data: st.DataObject
-) -> None:
+def test_inside_a_strip_the_lane_and_the_frenet_place_are_found(block: RoadNetwork, data: st.DataObject) -> None:
     lane = block.lane(data.draw(st.sampled_from(["ta_0", "ta_1", "ab_0", "ba_0", "bc_0", "dc_0", "bu_0"])))
     s = data.draw(st.floats(0.5, lane.line.length - 0.5))
     d = data.draw(st.floats(-0.49, 0.49)) * lane.width
@@ -68,9 +66,7 @@ def test_a_lane_is_kept_up_to_its_edge_and_no_further(road: RoadNetwork, on_road
         assert on_road_lanes.locate(x, y, heading, -1)[0] == there
 
 
-def test_turned_round_it_is_still_on_the_lane_below_it(
-    block: RoadNetwork, on_block_lanes: LaneLocator
-) -> None:
+def test_turned_round_it_is_still_on_the_lane_below_it(block: RoadNetwork, on_block_lanes: LaneLocator) -> None:
     x, y, heading = place(block, "ab_0", 60.0)
     against = heading + math.pi
     assert block.lanes[on_block_lanes.locate(x, y, against, -1)[0]].id == "ab_0"

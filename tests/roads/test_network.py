@@ -50,11 +50,7 @@ def assert_equal(ours: RoadNetwork, theirs: sumolib.net.Net) -> None:
             assert (own.priority, own.road_class) == (edge.getPriority(), edge.getType())
         for lane, other in zip(ours.edge_lanes(edge.getID()), edge.getLanes(), strict=True):
             assert (lane.id, lane.edge, lane.order) == (other.getID(), edge.getID(), other.getIndex())
-            assert (lane.speed, lane.length, lane.width) == (
-                other.getSpeed(),
-                other.getLength(),
-                other.getWidth(),
-            )
+            assert (lane.speed, lane.length, lane.width) == (other.getSpeed(), other.getLength(), other.getWidth())
             points = np.array(other.getShape())
             apart = TOUCH_M if np.ptp(points, axis=0).max() < 1e-6 else EXACT_M
             assert np.abs(lane.line.points - points).max() <= apart
@@ -83,9 +79,9 @@ def assert_same_ways(ours: RoadNetwork, theirs: sumolib.net.Net) -> None:
     def ends_of(link: Connection) -> tuple[str, str]:
         return ours.lanes[link.from_lane].id, ours.lanes[link.to_lane].id
 
-    assert {
-        ends_of(c): (c.direction, c.state, [ours.lanes[v].id for v in c.via]) for c in ours.connections
-    } == {ends: tuple(found[:3]) for ends, found in expected.items()}
+    assert {ends_of(c): (c.direction, c.state, [ours.lanes[v].id for v in c.via]) for c in ours.connections} == {
+        ends: tuple(found[:3]) for ends, found in expected.items()
+    }
     for one in ours.connections:
         for other in ours.connections:
             a, b = expected[ends_of(one)][3], expected[ends_of(other)][3]

@@ -9,13 +9,7 @@ import pytest
 
 from tsbench.roads.junction_paths import junction_paths
 from tsbench.roads.network import Connection, RoadNetwork, read_network
-from tsbench.roads.priority import (
-    EXPERT_FOLLOWING,
-    RULE_FOLLOWING,
-    Following,
-    PriorityVehicle,
-    PriorityVehicles,
-)
+from tsbench.roads.priority import EXPERT_FOLLOWING, RULE_FOLLOWING, Following, PriorityVehicle, PriorityVehicles
 from tsbench.sim.world import ActorKind, Actors, ActorTable
 
 # Routes over a crossroads whose arms have two lanes each; lengths: arms 89.6 m, fw_in 100 m, way across 20.8 m.
@@ -84,9 +78,7 @@ def test_who_does_not_come_this_way_is_none() -> None:
 
 
 def test_each_vehicle_keeps_its_row_length_and_speed() -> None:
-    (_, first), (_, second) = _find(
-        ("right", "w_in_0", 10.0), ("away", "w_in_0", 30.0), ("straight", "w_in_1", 50.0)
-    )
+    (_, first), (_, second) = _find(("right", "w_in_0", 10.0), ("away", "w_in_0", 30.0), ("straight", "w_in_1", 50.0))
     assert (first.at, first.row, first.length, first.speed) == (0, 3, 7.0, 3.0)
     assert (second.at, second.row, second.length, second.speed) == (2, 0, 4.0, 5.0)
 
@@ -123,10 +115,7 @@ def test_only_an_expert_looks_whether_a_lane_leads_on_to_where_a_vehicle_goes() 
 def test_of_two_paths_from_one_lane_a_rule_takes_the_leftmost_and_an_expert_the_rightmost() -> None:
     right, left = _connection("w_in_0", "e_out_0"), _connection("w_in_1", "e_out_1")
     both = (right, replace(left, from_lane=right.from_lane))
-    assert _straight_with({"w_in_0": both, "w_in_1": ()}, "w_in_0") == {
-        "rule": "e_out_1",
-        "expert": "e_out_0",
-    }
+    assert _straight_with({"w_in_0": both, "w_in_1": ()}, "w_in_0") == {"rule": "e_out_1", "expert": "e_out_0"}
 
 
 def test_a_rule_looks_150_metres_upstream_and_an_expert_as_far_as_the_route_goes() -> None:

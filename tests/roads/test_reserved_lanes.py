@@ -42,9 +42,7 @@ def lanes_of(network: RoadNetwork, path: RoutePath | None) -> list[str]:
     return [lane.id for p in path.pieces if not (lane := network.lanes[p.lane]).internal]
 
 
-def state(
-    network: RoadNetwork, locator: LaneLocator, x: float, y: float, heading: float, last: int
-) -> EgoState:
+def state(network: RoadNetwork, locator: LaneLocator, x: float, y: float, heading: float, last: int) -> EgoState:
     lane, s, d, on_road = locator.locate(x, y, heading, last)
     return EgoState(x, y, heading, 8.0, 0.0, 0.0, 0.0, lane, s, d, on_road)
 
@@ -139,8 +137,7 @@ def test_the_locator_finds_the_lane_of_an_ego_that_drives_against_it(contra: Roa
 
 def test_between_the_directions_of_a_road_there_is_no_slit(contra: RoadNetwork) -> None:
     lanes = tuple(
-        replace(lane, width=lane.width - 0.2) if lane.id in ("cb_0", "bc_1") else lane
-        for lane in contra.lanes
+        replace(lane, width=lane.width - 0.2) if lane.id in ("cb_0", "bc_1") else lane for lane in contra.lanes
     )
     locator = LaneLocator(replace(contra, lanes=lanes))
     assert locator.locate(150.0, -3.2, 0.0, -1)[3]

@@ -14,9 +14,7 @@ from tsbench.roads.lane_graph import shortest_ways, way_to
 
 SIZE = 6
 Graph = dict[tuple[int, int], int]
-GRAPHS = st.dictionaries(
-    st.tuples(st.integers(0, SIZE - 1), st.integers(0, SIZE - 1)), st.integers(0, 4), max_size=20
-)
+GRAPHS = st.dictionaries(st.tuples(st.integers(0, SIZE - 1), st.integers(0, SIZE - 1)), st.integers(0, 4), max_size=20)
 
 
 def from_start(graph: Graph, target: int | None = None):  # type: ignore[no-untyped-def]
@@ -41,9 +39,7 @@ def test_no_way_is_shorter_and_each_is_what_it_costs(graph: Graph) -> None:
     assert {k: reached.cost for k, reached in found.items()} == {
         k: cost for k, cost in enumerate(cheapest(graph)) if cost < math.inf
     }
-    assert list(found) == sorted(found, key=lambda k: found[k].cost) or any(
-        not more for more in graph.values()
-    )
+    assert list(found) == sorted(found, key=lambda k: found[k].cost) or any(not more for more in graph.values())
     for node, reached in found.items():
         way = way_to(node, found)
         assert (way[0], way[-1]) == (0, node)
@@ -62,9 +58,7 @@ def test_the_way_to_a_target_is_the_same_when_nothing_beyond_is_looked_for(graph
         ({(0, 1): 2, (0, 2): 1, (2, 3): 2, (1, 3): 1}, [0, 2, 3]),
     ],
 )
-def test_of_ways_that_cost_the_same_the_one_from_what_was_reached_first_stays(
-    graph: Graph, way: list[int]
-) -> None:
+def test_of_ways_that_cost_the_same_the_one_from_what_was_reached_first_stays(graph: Graph, way: list[int]) -> None:
     assert way_to(3, from_start(graph)) == way
 
 

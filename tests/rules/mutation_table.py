@@ -35,9 +35,7 @@ def table(ends: dict[str, Counter[str]]) -> list[str]:
         caught = sum(some[end] for end in CAUGHT)
         survived = some.total() - caught - sum(some[end] for end in UNTRIED)
         name = module if module == "all" else module.replace(".", "/") + ".py"
-        rows.append(
-            f"{name:32}{some.total():8}{caught:8}{survived:9}{some['timeout']:9}{caught / some.total():8.1%}"
-        )
+        rows.append(f"{name:32}{some.total():8}{caught:8}{survived:9}{some['timeout']:9}{caught / some.total():8.1%}")
     return rows
 
 

@@ -52,9 +52,7 @@ def test_case_has_the_expected_verdict_here_and_elsewhere(path: Path) -> None:
         steps |= set(range(round(event.start_s / DT_S), round(event.end_s / DT_S) + 1))
     assert verdict.violating_steps == expect.get("steps", len(steps))
     wanted_at = expect.get("completes")
-    assert judged.completed_at == (
-        wanted_at if wanted_at is None else pytest.approx(wanted_at, abs=TIME_TOLERANCE_S)
-    )
+    assert judged.completed_at == (wanted_at if wanted_at is None else pytest.approx(wanted_at, abs=TIME_TOLERANCE_S))
     for name, view in VIEWS.items():
         there = judge(play(path, view))
         assert _summary(there) == _summary(judged), name

@@ -22,12 +22,7 @@ def _in_the_way(x: float, y: float, heading_deg: float, speed: float = 1.4) -> b
     table.add("p", ActorKind.PEDESTRIAN, DEPTH, 0.5, ())
     pose = np.array([[x, y, math.radians(heading_deg)]])
     actors = Actors(
-        table,
-        np.zeros(1, dtype=np.int32),
-        pose,
-        np.array([speed]),
-        np.array([-1], dtype=np.int32),
-        np.zeros(1),
+        table, np.zeros(1, dtype=np.int32), pose, np.array([speed]), np.array([-1], dtype=np.int32), np.zeros(1)
     )
     people = CrossingPeople(CROSSING, load_catalog().rule("crosswalk").thresholds)
     return people.anyone_in_the_way(-35.0, 1.75, 0.0, actors, [0])

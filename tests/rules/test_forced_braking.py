@@ -28,9 +28,7 @@ def car(lane: str, s: float, *speeds: float, to: str = "e_out") -> Body:
     return lane, s, speeds, (lane.rpartition("_")[0], to), ActorKind.CAR
 
 
-def watched(
-    braking: ForcedBraking, *bodies: Body, steps: Sequence[int] = (0, 1), zone: float = 0.0
-) -> list[bool]:
+def watched(braking: ForcedBraking, *bodies: Body, steps: Sequence[int] = (0, 1), zone: float = 0.0) -> list[bool]:
     """Does the first body come to a halt, at each step? zone: where that with its path begins."""
     table = ActorTable(4)
     for k, (_, _, _, route, kind) in enumerate(bodies):
@@ -73,12 +71,9 @@ def test_a_vehicle_is_forced_from_the_threshold_on(before: float, speed: float, 
 
 
 @pytest.mark.parametrize(
-    ("before", "speed", "halts"),
-    [(2.0, 1.9, True), (2.1, 2.0, False), (1.9, 1.8, False), (0.5, 0.5, False)],
+    ("before", "speed", "halts"), [(2.0, 1.9, True), (2.1, 2.0, False), (1.9, 1.8, False), (0.5, 0.5, False)]
 )
-def test_a_vehicle_halts_where_it_falls_below_the_least_speed(
-    before: float, speed: float, halts: bool
-) -> None:
+def test_a_vehicle_halts_where_it_falls_below_the_least_speed(before: float, speed: float, halts: bool) -> None:
     braking = ForcedBraking(GIVE_WAY, PATHS)
     assert watched(braking, car("w_in_0", 60.0, before, speed), steps=(1, 2)) == [False, halts]
 
@@ -152,9 +147,7 @@ def test_who_turns_off_slows_down_for_its_own_line_until_it_is_over_it() -> None
         (50.0, 5.0, ActorKind.CAR, False),
     ],
 )
-def test_a_slower_one_near_ahead_explains_it(
-    rear: float, speed: float, kind: ActorKind, excused: bool
-) -> None:
+def test_a_slower_one_near_ahead_explains_it(rear: float, speed: float, kind: ActorKind, excused: bool) -> None:
     ahead = ("w_in_0", rear + 4.5, (speed, speed), ("w_in", "e_out"), kind)
     assert (hardness(car("w_in_0", 60.0, *HARD), ahead) == []) is excused
 
@@ -163,10 +156,7 @@ def test_the_one_ahead_may_be_in_the_junction_or_behind_it() -> None:
     behind = ("e_out_0", 5.0, (0.0, 0.0), ("s_in", "e_out"), ActorKind.CAR)
     assert hardness(car("w_in_0", 90.0, *HARD), behind) == []
     inside = next(p for p in PATHS if (p.source.edge, p.target.edge) == ("w_in", "e_out")).inner[0].id
-    assert (
-        hardness(car("w_in_0", 90.0, *HARD), (inside, 9.0, (0.0, 0.0), ("w_in", "e_out"), ActorKind.CAR))
-        == []
-    )
+    assert hardness(car("w_in_0", 90.0, *HARD), (inside, 9.0, (0.0, 0.0), ("w_in", "e_out"), ActorKind.CAR)) == []
     # 7.8 m ahead at most.
     slow, last = (
         car("w_in_0", 90.0, 2.6, 2.3),

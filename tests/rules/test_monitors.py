@@ -169,9 +169,7 @@ def test_a_speed_sign_without_value_and_an_empty_zone_are_named() -> None:
 def test_an_approach_that_leads_nowhere_is_named() -> None:
     scene = _scene("give_way")
     outwards = {"approach": "w_out", "junction": "W", "main_in": "w_out"}
-    assert (
-        _refusal(_with(scene, params=outwards)) == "case.net.xml: edge 'w_out' leads nowhere (sign 'sign0')"
-    )
+    assert _refusal(_with(scene, params=outwards)) == "case.net.xml: edge 'w_out' leads nowhere (sign 'sign0')"
 
 
 def test_context_plates_are_watched_where_they_bind_the_ego() -> None:

@@ -23,9 +23,7 @@ _PASSAGE = {"approach": "w_in", "exit": "e_out"}
 _BOTH = {"needless_stop": _PASSAGE, "needless_yield": _PASSAGE}
 
 
-def _ticks(
-    before_line: float, speeds: list[float], clauses: dict[str, object], limit: float
-) -> list[Violation]:
+def _ticks(before_line: float, speeds: list[float], clauses: dict[str, object], limit: float) -> list[Violation]:
     """What is needless about an ego whose centre starts so far before the line, with these speeds tick by tick."""
     case = {
         "net": "t", "signs": [{"code": "2.1", "edge": "w_in", "position_m": 85}], "contrast": clauses,
@@ -43,9 +41,7 @@ def _ticks(
     return list(monitors.finish().needless)
 
 
-def _drive(
-    v: float, before_line: float, limit: float, most: float, accel: float, slow_to: float = 0.0
-) -> list[float]:
+def _drive(v: float, before_line: float, limit: float, most: float, accel: float, slow_to: float = 0.0) -> list[float]:
     """An IDM driver's speeds up to 40 m behind the line. slow_to: between 45 m and 5 m before it, if > 0."""
     s, speeds, p = -before_line, [v], IdmParameters(accel=accel)
     while s < 40.0 and len(speeds) < 600:

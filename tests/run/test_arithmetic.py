@@ -52,11 +52,7 @@ print(json.dumps([{name: answers_hash(name) for name in NETWORKS}, facts()["answ
 
 def under(settings: dict[str, str], code: str) -> str:
     done = subprocess.run(
-        [sys.executable, "-c", code],
-        env={**os.environ, **settings},
-        capture_output=True,
-        text=True,
-        check=False,
+        [sys.executable, "-c", code], env={**os.environ, **settings}, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
@@ -79,10 +75,7 @@ def test_every_planner_gives_the_reference_bytes(name: str) -> None:
 
 
 def test_networks_do_not_hang_on_the_c_library_either() -> None:
-    answers, own = (
-        {name: doctor.answers_hash(name) for name in doctor.NETWORKS},
-        arithmetic.facts()["answers"],
-    )
+    answers, own = ({name: doctor.answers_hash(name) for name in doctor.NETWORKS}, arithmetic.facts()["answers"])
     others, other = json.loads(under(_NO_FMA, _NETWORKS))
     assert answers == others == {name: reference()["planners"][name]["answers"] for name in doctor.NETWORKS}
     if "X86_V3" in SIMD:
@@ -90,9 +83,7 @@ def test_networks_do_not_hang_on_the_c_library_either() -> None:
         assert own["libm"] != other["libm"]
 
 
-@pytest.mark.skipif(
-    "avx2" not in Path("/proc/cpuinfo").read_text(), reason="a processor without AVX2 has one kernel"
-)
+@pytest.mark.skipif("avx2" not in Path("/proc/cpuinfo").read_text(), reason="a processor without AVX2 has one kernel")
 def test_another_kernel_is_seen() -> None:
     one, other = (json.loads(under({"OPENBLAS_CORETYPE": name}, _FACTS)) for name in ("Haswell", "Prescott"))
     assert one["libm"] == other["libm"]
@@ -157,19 +148,13 @@ def test_all_differences_are_told() -> None:
     here, there = arithmetic.facts(), changed("answers", "libm")
     there["answers"]["blas"] = there["versions"]["numpy"] = "another"
     told = arithmetic.differences(there, here, THEIRS, "cpu")
-    assert [line.split(" is ")[0] for line in told] == [
-        "numpy",
-        "the arithmetic of libm",
-        "the arithmetic of blas",
-    ]
+    assert [line.split(" is ")[0] for line in told] == ["numpy", "the arithmetic of libm", "the arithmetic of blas"]
     assert len(arithmetic.differences(there, here, OURS, "cpu")) == 2
     assert arithmetic.differences(here, here, THEIRS, "cuda") == ()
 
 
 def test_a_run_says_with_what_it_was_made() -> None:
-    new = new_manifest(
-        "c", {}, {"device": "cpu"}, [PlannerInfo(p, p, False, True, (), None, None) for p in THEIRS]
-    )
+    new = new_manifest("c", {}, {"device": "cpu"}, [PlannerInfo(p, p, False, True, (), None, None) for p in THEIRS])
     assert new["arithmetic"] == arithmetic.facts()
     assert difference(new, new) is None
     told = difference({**new, "arithmetic": changed("answers", "blas")}, new)

@@ -102,9 +102,7 @@ def test_the_command_line_goes_before_the_file(bench: Bench) -> None:
 
 
 def test_a_run_that_cannot_be_driven_does_not_keep_others_from_it(bench: Bench) -> None:
-    broken = (
-        f"  - {{name: broken, planner: nowhere, limit: 2}}\n  - {{name: good, planner: '{GOOD}', limit: 2}}\n"
-    )
+    broken = f"  - {{name: broken, planner: nowhere, limit: 2}}\n  - {{name: good, planner: '{GOOD}', limit: 2}}\n"
     write(bench, f"{DEFAULTS}runs:\n{broken}")
     done = bench.run("campaign", "c.yaml", expect=2)
     (line,) = [line for line in done.stderr.splitlines() if line.startswith("broken: ")]
@@ -164,7 +162,7 @@ def test_levels_of_perception_are_a_run_each_and_stored_runs_are_enough_for_the_
             "c.yaml: analyses 1: runs: b: no such run; there are a",
         ),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_file_is_one_line(text: str, problem: str, bench: Bench) -> None:
     write(bench, text)
     done = bench.run("campaign", "c.yaml", expect=2)

@@ -56,7 +56,7 @@ def test_numbers_of_all_kinds(value: object) -> None:
         (Trajectory(np.array([1.0, 2.0]), np.full((2, 3), np.nan)), "NaN or infinity"),
         (Trajectory(np.array([1e-300, 1.0]), np.full((2, 3), 1e308)), "beyond what numbers can hold"),
     ],
-)  # fmt: skip
+)
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_what_is_no_command(output: object, words: str) -> None:
     with pytest.raises(PlannerOutputError) as told:

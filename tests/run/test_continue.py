@@ -129,10 +129,7 @@ def test_what_is_torn_or_foreign_is_set_aside_with_its_reason(whole: Bench) -> N
 
 
 def test_a_complete_run_is_shown_and_not_run_again_and_strangers_stay(whole: Bench) -> None:
-    note, trace = (
-        whole.folder / "whole" / "note.txt",
-        whole.folder / "whole" / "traces" / "Slow" / "x.parquet",
-    )
+    note, trace = (whole.folder / "whole" / "note.txt", whole.folder / "whole" / "traces" / "Slow" / "x.parquet")
     for path in (note, trace):
         path.write_text("mine")
     before = {p: p.stat().st_mtime_ns for p in sorted((whole.folder / "whole").rglob("*"))}

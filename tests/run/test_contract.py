@@ -62,10 +62,7 @@ def forget() -> None:
 )
 def test_a_clone_with_changes_is_local(clone: Path, edit: Callable[[Path], object]) -> None:
     assert not contract.code_is_local()
-    assert (
-        edition_here(contract_now(DataSet.in_use(), "dev"), DataSet.in_use())
-        == DataSet.in_use().editions()["dev"]
-    )
+    assert edition_here(contract_now(DataSet.in_use(), "dev"), DataSet.in_use()) == DataSet.in_use().editions()["dev"]
     edit(clone)
     forget()
     assert contract.code_is_local()
@@ -75,9 +72,7 @@ def test_a_clone_with_changes_is_local(clone: Path, edit: Callable[[Path], objec
     )
 
 
-def test_an_installed_package_is_compared_with_its_record(
-    clone: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_installed_package_is_compared_with_its_record(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     info = clone.parent / "tsbench-9.dist-info"
     info.mkdir()
     hashes = {name: contract._recorded(clone / name) for name in ("__init__.py", "rules.yaml")}

@@ -97,9 +97,7 @@ def test_a_changed_contract_does_not_pass_under_the_name() -> None:
     assert edition_of(released, "2031.1+local", DataSet.in_use()) == f"{name}+local"
 
 
-def test_a_release_writes_its_version_and_keeps_the_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_release_writes_its_version_and_keeps_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "editions.yaml"
     path.write_bytes(edition.PATH.read_bytes())
     monkeypatch.setattr(edition, "PATH", path)
@@ -163,9 +161,7 @@ def test_the_doctor_says_which_scenes_are_of_an_earlier_edition(monkeypatch: pyt
 def test_a_run_says_its_edition(bench) -> None:
     """Fake scenes are nobody's edition."""
     local = f"{editions()[-1].name}+local"
-    done = bench.run(
-        "run", "--planner", "fake_planners:Good", "--split", "test", "--limit", "2", "--out", "out"
-    )
+    done = bench.run("run", "--planner", "fake_planners:Good", "--split", "test", "--limit", "2", "--out", "out")
     assert f"edition {local}, contract " in done.stdout
     for name in ("run.json", "summary.json"):
         assert json.loads((bench.folder / "out" / name).read_text())["edition"] == local

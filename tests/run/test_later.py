@@ -58,9 +58,7 @@ def test_a_file_that_an_episode_reads_counts_as_the_planner_s(tmp_path: Path) ->
         drive(out, spec)
 
 
-def test_a_run_that_was_broken_off_knows_its_files_too(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_that_was_broken_off_knows_its_files_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its manifest is as it was when it began: only the journal says what episodes have opened and left."""
     # Only the first session's episode leaves something.
     deed = READS + "; Path('note').exists() or Path('note').touch()"
@@ -73,9 +71,7 @@ def test_a_run_that_was_broken_off_knows_its_files_too(
         "folder.RunFolder.keep = keep\n"
         "tsbench.evaluate([sys.argv[1]], split='dev', types=['speed_limit'], limit=2, workers=1, out=sys.argv[2])\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code, spec, str(out)], cwd=tmp_path, timeout=HANG_S, check=False
-    )
+    done = subprocess.run([sys.executable, "-c", code, spec, str(out)], cwd=tmp_path, timeout=HANG_S, check=False)
     assert done.returncode == 9
     monkeypatch.chdir(tmp_path)
     assert Path("note").exists()
@@ -102,7 +98,7 @@ LEAVES = {
     "renames": "os.rename(HERE / 'weights.txt', HERE / 'weights.txt')",
     "sets a mode": "(HERE / 'weights.txt').chmod(0o600)",
     "sets times": "os.utime(HERE / 'weights.txt', (1, 1))",
-    "sets an attribute": "exec('try: os.setxattr(__file__, \"user.a\", b\"1\")\\nexcept OSError: pass')",
+    "sets an attribute": 'exec(\'try: os.setxattr(__file__, "user.a", b"1")\\nexcept OSError: pass\')',
     "keeps a table": "sqlite3.connect('note').close()",
     "starts a program": "subprocess.run(['true'])",
     "starts a shell": "os.system('true')",
@@ -110,13 +106,11 @@ LEAVES = {
     "connects": "socket.socket(socket.AF_UNIX).connect_ex('nobody')",
     "signals": "os.kill(os.getppid(), 0)",
     "calls C": "ctypes.CDLL(None).mkdir(b'note', 0o700)",
-}  # fmt: skip
+}
 
 
 def test_whose_constructor_takes_functions_of_c_may_do_what_nobody_sees(tmp_path: Path) -> None:
-    made = (
-        "class P:\n    floor = False\n    def __init__(self):\n        self.write = ctypes.CDLL(None).creat\n"
-    )
+    made = "class P:\n    floor = False\n    def __init__(self):\n        self.write = ctypes.CDLL(None).creat\n"
     (tmp_path / "mine.py").write_text(
         f"import ctypes\n{made}    def reset(self, c): pass\n    def act(self, o): pass\n"
     )

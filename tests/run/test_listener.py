@@ -26,19 +26,7 @@ class Deaf:
 
 def function(run): pass
 """
-RUN = [
-    "run",
-    "--planner",
-    "fake_planners:Good",
-    "--split",
-    "test",
-    "--limit",
-    "2",
-    "--workers",
-    "1",
-    "--out",
-    "out",
-]
+RUN = ["run", "--planner", "fake_planners:Good", "--split", "test", "--limit", "2", "--workers", "1", "--out", "out"]
 
 
 @pytest.fixture

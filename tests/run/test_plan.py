@@ -51,9 +51,7 @@ def test_limit_keeps_to_the_lot_of_one_per_map(plan_of) -> None:
     whole = plan_of(variants="one-per-map").scenarios
     assert {row.variant for row in drawn.values()} != {0}
     for kind, row in drawn.items():
-        lots = {
-            hashlib.sha256(r.scenario_id.encode()).hexdigest(): r for r in whole if r.scenario_type == kind
-        }
+        lots = {hashlib.sha256(r.scenario_id.encode()).hexdigest(): r for r in whole if r.scenario_type == kind}
         assert row == lots[min(lots)]
 
 
@@ -133,9 +131,7 @@ def test_hand_out_keeps_a_network_with_its_worker() -> None:
 
 def test_what_came_before_tells_nothing_of_the_half() -> None:
     """Neither half of a pair is always first, and the order of a run is not that of another one."""
-    rows = [
-        replace(specs(maps=1)[0], scenario_id=f"{pair}{half}") for pair in range(40) for half in ("", "-c")
-    ]
+    rows = [replace(specs(maps=1)[0], scenario_id=f"{pair}{half}") for pair in range(40) for half in ("", "-c")]
     tasks = [Task(n, 0, row) for n, row in enumerate(rows, start=1)]
     orders = []
     for hand_out in (TaskQueue(tasks), TaskQueue(tasks)):

@@ -38,17 +38,13 @@ def mine(tmp_path: Path) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(
-    "spec", ["idm", "idm-e", "pdm", "tsbench.planners.idm:Idm", "tsbench.planners.idm:Idm-e"]
-)
+@pytest.mark.parametrize("spec", ["idm", "idm-e", "pdm", "tsbench.planners.idm:Idm", "tsbench.planners.idm:Idm-e"])
 def test_the_scoring_number_speaks_for_our_own_planners(spec: str) -> None:
     assert describe(spec).code_sha256 is None
     assert comes_with_tsbench(spec)
 
 
-@pytest.mark.parametrize(
-    "spec", ["mine.py:P", "tsbench.evil.py:P", "tsbench_mine:P", "no-such", "exe:tsbench.x"]
-)
+@pytest.mark.parametrize("spec", ["mine.py:P", "tsbench.evil.py:P", "tsbench_mine:P", "no-such", "exe:tsbench.x"])
 def test_others_have_hashes_of_their_own(spec: str) -> None:
     assert not comes_with_tsbench(spec)
 
@@ -116,9 +112,7 @@ def test_a_module_is_hashed_like_a_file(mine: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.syspath_prepend(str(mine.parent))
     (mine / "__init__.py").touch()
     (mine / "planner.py").write_text(
-        MINE.replace("import neighbour", "from hashed import neighbour").replace(
-            "from kit", "from hashed.kit"
-        )
+        MINE.replace("import neighbour", "from hashed import neighbour").replace("from kit", "from hashed.kit")
     )
     before = describe("hashed.planner:drive").code_sha256
     (mine / "kit" / "more.py").write_text("STEERING = 0.2\n")

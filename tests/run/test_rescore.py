@@ -87,9 +87,7 @@ def edit(folder: Path, column: str, tick: int, value: object) -> None:
     values = table[column].to_pylist()
     values[tick] = value(values[tick]) if callable(value) else value
     index = table.schema.get_field_index(column)
-    table = table.set_column(
-        index, table.schema.field(column), pa.array(values, table.schema.field(column).type)
-    )
+    table = table.set_column(index, table.schema.field(column), pa.array(values, table.schema.field(column).type))
     with pq.ParquetWriter(path, table.schema, write_page_checksum=True) as writer:
         writer.write_table(table)
         writer.add_key_value_metadata({"tsbench.trace": head})
@@ -123,7 +121,7 @@ def test_a_planner_that_leaps_by_patching_the_loop_is_named(made: Path, name: st
         ("step", 7, 8, "tick 7 of its trace is numbered 8"),
         ("acceleration", 7, None, "no command leads there"),
     ],
-)  # fmt: skip
+)
 def test_an_edited_trace_is_named(copy: Path, column: str, tick: int, value: object, told: str) -> None:
     edit(copy, column, tick, value)
     lines = rescore(copy).disagreements
@@ -139,9 +137,7 @@ def test_a_trace_of_another_scene_is_named(copy: Path) -> None:
     with pq.ParquetWriter(path, table.schema, write_page_checksum=True) as writer:
         writer.write_table(table)
         writer.add_key_value_metadata({"tsbench.trace": json.dumps(head)})
-    assert any(
-        "its trace is of another scenario than the table's row" in s for s in rescore(copy).disagreements
-    )
+    assert any("its trace is of another scenario than the table's row" in s for s in rescore(copy).disagreements)
 
 
 def test_what_rescore_writes_is_what_a_report_says(copy: Path) -> None:

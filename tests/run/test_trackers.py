@@ -11,19 +11,7 @@ import pytest
 from run_helpers import Bench
 
 ROOT = Path(__file__).resolve().parents[2]
-RUN = [
-    "run",
-    "--planner",
-    "fake_planners:Good",
-    "--split",
-    "test",
-    "--limit",
-    "4",
-    "--workers",
-    "1",
-    "--out",
-    "out",
-]
+RUN = ["run", "--planner", "fake_planners:Good", "--split", "test", "--limit", "4", "--workers", "1", "--out", "out"]
 TELL = """
 import json
 
@@ -67,9 +55,7 @@ def told(bench: Bench, name: str, stub: str, tracker: str) -> list[list[object]]
     ("name", "stub", "tracker", "head", "end"),
     [("wandb", WANDB, "Wandb", 1, 0), ("mlflow", MLFLOW, "Mlflow", 3, "FINISHED")],
 )
-def test_a_tracker_is_told_of_the_run(
-    bench: Bench, name: str, stub: str, tracker: str, head: int, end: object
-) -> None:
+def test_a_tracker_is_told_of_the_run(bench: Bench, name: str, stub: str, tracker: str, head: int, end: object) -> None:
     lines = told(bench, name, stub, tracker)
     first, rest = lines[:head], lines[head:]
     manifest = json.loads((bench.folder / "out/run.json").read_text(encoding="utf-8"))

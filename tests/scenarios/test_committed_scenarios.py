@@ -155,9 +155,7 @@ def test_every_row_has_its_certificate(rows: list[ScenarioSpec], proofs: dict[st
         assert sum(c.engaged for c in own) >= 0.95 * len(own)
 
 
-def test_every_row_is_what_its_name_makes_it(
-    rows: list[ScenarioSpec], proofs: dict[str, Certificate]
-) -> None:
+def test_every_row_is_what_its_name_makes_it(rows: list[ScenarioSpec], proofs: dict[str, Certificate]) -> None:
     horizons = {t: load_recipe(t, CATALOG).horizon for t in TYPES}
     variants_on = cache(variants_of)
     for r in rows:
@@ -236,10 +234,7 @@ def test_realised_density(rows: list[ScenarioSpec], proofs: dict[str, Certificat
 def test_every_file_is_there_and_no_other(rows: list[ScenarioSpec]) -> None:
     named: dict[Path, dict[str, str]] = defaultdict(dict)
     for r in rows:
-        named[store_path(r.split, r.pair_type, DataSet())] |= {
-            r.net: r.net_sha256,
-            r.additional: r.additional_sha256,
-        }
+        named[store_path(r.split, r.pair_type, DataSet())] |= {r.net: r.net_sha256, r.additional: r.additional_sha256}
     there = {p for p in (SCENARIOS / "scenes").rglob("*") if p.is_file()}
     store = SceneStore(DataSet.in_use())
     # Of a type for which a split has no map, the store is empty.

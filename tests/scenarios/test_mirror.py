@@ -44,9 +44,7 @@ def test_a_drive_in_the_mirror_has_the_verdict_and_evidence_of_the_drive(name: s
     """
     table = DataSet.in_use().table("dev")
     first = {row.pair_type: row.pair_name for row in table[::-1]}
-    rows = [
-        row for row in table if row.pair_name in first.values() and (name == "idm" or row.half != CONTRAST)
-    ]
+    rows = [row for row in table if row.pair_name in first.values() and (name == "idm" or row.half != CONTRAST)]
     assert {row.pair_type for row in rows} == {kind.id for kind in load_catalog().types}
     clauses = set()
     for row in rows:
@@ -127,9 +125,7 @@ def unsigned(tmp_path_factory: pytest.TempPathFactory) -> tuple[SceneFile, RoadN
     return SceneFile(path, gzip.decompress(path.read_bytes())), network
 
 
-def test_who_comes_from_the_left_goes_first_where_nothing_is_signed(
-    unsigned: tuple[SceneFile, RoadNetwork],
-) -> None:
+def test_who_comes_from_the_left_goes_first_where_nothing_is_signed(unsigned: tuple[SceneFile, RoadNetwork]) -> None:
     file, before = unsigned
     image = mirrored_network(file)
     assert b'type="right_before_left"' in file.content

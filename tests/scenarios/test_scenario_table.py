@@ -119,9 +119,7 @@ def test_a_missing_column_and_one_of_another_type(tmp_path: Path) -> None:
 def test_an_empty_cell(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
     holes = pa.array(["test", None, "test"])
-    rewrite(
-        path, lambda t: t.set_column(t.schema.get_field_index("split"), pa.field("split", pa.string()), holes)
-    )
+    rewrite(path, lambda t: t.set_column(t.schema.get_field_index("split"), pa.field("split", pa.string()), holes))
     refuse(path)
 
 

@@ -24,9 +24,7 @@ from tsbench.scenarios.store import MOST_BYTES, SCHEMA, SceneStore, store_path, 
 from tsbench.sim.scene import EgoStart
 
 NAMES = st.text(st.characters(codec="utf-8", exclude_characters="\0"), min_size=1, max_size=12)
-MAPS = st.dictionaries(
-    NAMES, st.dictionaries(NAMES, st.binary(max_size=300), min_size=1, max_size=5), max_size=7
-)
+MAPS = st.dictionaries(NAMES, st.dictionaries(NAMES, st.binary(max_size=300), min_size=1, max_size=5), max_size=7)
 
 
 @pytest.fixture
@@ -113,9 +111,7 @@ def test_a_store_that_is_not_there(made: ScenarioSpec, tmp_path: Path) -> None:
 
 def test_a_map_and_a_file_that_a_store_does_not_have(made: ScenarioSpec, tmp_path: Path) -> None:
     path = store_path("test", "yield", tmp_path)
-    assert refuse(tmp_path, replace(made, map_id="gone")).endswith(
-        f"{path / made.additional}: no such scene file"
-    )
+    assert refuse(tmp_path, replace(made, map_id="gone")).endswith(f"{path / made.additional}: no such scene file")
     assert refuse(tmp_path, replace(made, net="gone")).endswith(f"{path / 'gone'}: no such scene file")
 
 
@@ -125,10 +121,7 @@ def test_changed_content_and_a_size_that_is_not_so(made: ScenarioSpec, tmp_path:
     place = table["name"].index(made.additional)
     contents = [c.replace(b"13.89", b"13.98") for c in table["content"]]
     rewrite(tmp_path, made, {"content": contents})
-    assert (
-        refuse(tmp_path, made)
-        == f"{path / made.net}: is not the file that row stored names (SHA-256 differs)"
-    )
+    assert refuse(tmp_path, made) == f"{path / made.net}: is not the file that row stored names (SHA-256 differs)"
     sizes = [n + (k == place) for k, n in enumerate(table["size"])]
     rewrite(tmp_path, made, {"content": table["content"], "size": sizes})
     told = f"has {sizes[place] - 1} bytes, not the {sizes[place]} that it says"

@@ -78,17 +78,14 @@ def test_sentences_name_sign_time_and_measure(catalog: Catalog) -> None:
     clause = catalog.rule("speed").clause("over_limit")
     said = clause.sentence(sign_code="3.24", time_s=4.2, value=57.3, threshold=41.0, margin=16.3)
     assert said == (
-        "From 4.2 s the ego drove up to 57.3 km/h in the zone of sign 3.24 "
-        "(at most 41 km/h with the tolerance)."
+        "From 4.2 s the ego drove up to 57.3 km/h in the zone of sign 3.24 (at most 41 km/h with the tolerance)."
     )
     blocked = catalog.rule("give_way").clause("entered_while_blocked")
     for value, words in ((3.44, "with 3.4 s"), (3.96, "with 3.96 s"), (3.99996, "with 4.000 s")):
         said = blocked.sentence(sign_code="2.4", time_s=1, value=value, threshold=4.0, margin=4.0 - value)
         assert words in said
     contact = catalog.rule("give_way").clause("contact")
-    assert "touched lead" in contact.sentence(
-        sign_code="2.4", time_s=1, value=0, threshold=0, margin=0, other="lead"
-    )
+    assert "touched lead" in contact.sentence(sign_code="2.4", time_s=1, value=0, threshold=0, margin=0, other="lead")
     assert "another road user" in contact.sentence(sign_code="2.4", time_s=1, value=0, threshold=0, margin=0)
     with pytest.raises(KeyError, match="no clause"):
         catalog.rule("speed").clause("contact")
@@ -148,7 +145,6 @@ def test_a_plate_that_the_catalogue_does_not_expect_is_refused(catalog: Catalog)
     plate = SignInstance("a", "2.4", None, "edge", 0, 1.0, 0.0, 0.0, 0.0, "context")
     catalog.check_plates("2.1", {plate.id: plate.code}, "row")
     with pytest.raises(
-        InputError,
-        match=r"row: plate 'a' is 2.4, in a scene of 2.5 may stand 2.5, 2.1 \(context: in .*2.5.yaml",
+        InputError, match=r"row: plate 'a' is 2.4, in a scene of 2.5 may stand 2.5, 2.1 \(context: in .*2.5.yaml"
     ):
         catalog.check_plates("2.5", {plate.id: plate.code}, "row")

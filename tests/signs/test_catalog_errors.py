@@ -28,20 +28,10 @@ from tsbench.signs.catalog import load_catalog
         ("signs/2.4.yaml", "[T, X]", "[]", "maps: shapes: needs at least one"),
         ("signs/2.4.yaml", "family: junction", "family: corridor", "shapes: 'T' is none of straight, curved"),
         ("signs/2.3.2.yaml", "group: priority", "group: routing", "differs within 'secondary_road'"),
-        (
-            "signs/3.24.yaml",
-            "[20, 30, 40, 50, 60, 70]",
-            "[30, 20]",
-            "value: posted: must be different numbers",
-        ),
+        ("signs/3.24.yaml", "[20, 30, 40, 50, 60, 70]", "[30, 20]", "value: posted: must be different numbers"),
         ("signs/3.25.yaml", 'ends: "3.24"', 'ends: "3.1"', "3.25' is no sign that ends 3.24"),
         ("signs/3.25.yaml", "id: speed_limit\n  row: 7", "id: other\n  row: 30", "differs from that of 3.24"),
-        (
-            "signs/4.2.1.yaml",
-            "allowed_sides: [right]",
-            "allowed_sides: [up]",
-            "allowed_sides: 'up' is none of",
-        ),
+        ("signs/4.2.1.yaml", "allowed_sides: [right]", "allowed_sides: [up]", "allowed_sides: 'up' is none of"),
         ("signs/4.2.1.yaml", "allowed_sides: [right]", "allowed_sides: []", "needs at least one word"),
         ("signs/4.2.1.yaml", "  options:\n    allowed_sides: [right]\n", "", "allowed_sides: is missing"),
         ("signs/5.14.1.yaml", "users: bus", "users: [bus, bicycle]", "users: must be one word"),
@@ -51,12 +41,7 @@ from tsbench.signs.catalog import load_catalog
         ("rules/speed.yaml", "{value:.1f}", "{speed:.1f}", "sentence: bad template"),
         ("rules/speed.yaml", "{value:.1f}", "{value:.1f", "sentence: bad template"),
         ("rules/give_way.yaml", "default: main_arms", "default: nobody", "default: 'nobody' is none of"),
-        (
-            "rules/give_way.yaml",
-            "default: main_arms",
-            "default: [main_arms, ring]",
-            "default: must be one word",
-        ),
+        ("rules/give_way.yaml", "default: main_arms", "default: [main_arms, ring]", "default: must be one word"),
     ],
 )
 def test_malformed_files_give_one_line_with_file_and_key(

@@ -85,7 +85,7 @@ ZONE = {"zone_edges": "a b", "start_m": "1", "end_m": "61", "limit_kmh": "40"}
         ("needless_slow", {**ZONE, "limit_kmh": "0"}, "param 'limit_kmh': 0.0 is no speed"),
         ("needless_detour", {"approach": "a"}, "params 'exits' and 'lanes': both are missing"),
     ],
-)  # fmt: skip
+)
 def test_a_clause_that_means_nothing_is_refused(name: str, params: dict[str, str], said: str) -> None:
     assert _refusal(name, params) == f"scene.add.xml: contrast clause {name!r}: {said}"
 
@@ -113,8 +113,6 @@ def test_the_target_of_a_contrast_scene_may_bind_nobody() -> None:
     root.append(sign_to_poi(SignInstance("s", "3.24", 40.0, "a", ALL_LANES, 1.0, 2.0, 3.0, 0.0, "target")))
     with pytest.raises(InputError, match="param 'zone_edges' is missing"):
         signs_from_additional(root, load_catalog(), "scene")
-    root.append(
-        contrast_to_poi(ContrastClause("needless_slow", SlowZoneParams(("a",), 0.0, 60.0, 40.0)), 0, 0)
-    )
+    root.append(contrast_to_poi(ContrastClause("needless_slow", SlowZoneParams(("a",), 0.0, 60.0, 40.0)), 0, 0))
     [sign] = signs_from_additional(root, load_catalog(), "scene")
     assert sign.params is None

@@ -109,9 +109,7 @@ def test_scenes_of_a_city_are_signed_with_its_country_s_plates(monkeypatch: pyte
         assert country_in_use() == load_country("de")
         assert shown_code("2.4", None) == "DE 205"
         assert shown_code("4.2.3", None) == "4.2.3"
-        assert np.array_equal(
-            plate_rgba("5.14.1", None, 96), plate_rgba("5.14.1", None, 96, load_country("de"))
-        )
+        assert np.array_equal(plate_rgba("5.14.1", None, 96), plate_rgba("5.14.1", None, 96, load_country("de")))
         assert not np.array_equal(plate_rgba("5.14.1", None, 96), bus)
     # Austria's are drawn as Germany's, and have no numbers yet.
     with using_city("krems"):

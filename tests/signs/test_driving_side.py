@@ -23,7 +23,7 @@ def test_every_country_has_a_side() -> None:
         ("left", "gb ie mt cy in pk bd lk jp th id my sg hk mo au nz za ke tz ug zm zw mz na bw sr gy jm vi tl ws"),
         ("right", "de no se is ru cn tw kr ph vn mm la kh us ca mx br gi pr ng gh rw bi so eg af ir io ao et"),
     ],
-)  # fmt: skip
+)
 def test_well_known_ones(side: str, codes: str) -> None:
     assert {code: driving_sides()[code] for code in codes.split()} == dict.fromkeys(codes.split(), side)
 
@@ -52,9 +52,7 @@ def test_a_country_s_file_cannot_say_otherwise(edited: Callable[[str, str, str],
         ("left: [\n  ag,", "left: [\n  Ag,", "'Ag': a code is two small letters"),
     ],
 )
-def test_a_wrong_table_is_one_line(
-    edited: Callable[[str, str, str], Path], old: str, new: str, says: str
-) -> None:
+def test_a_wrong_table_is_one_line(edited: Callable[[str, str, str], Path], old: str, new: str, says: str) -> None:
     root = edited("driving_sides.yaml", old, new)
     with pytest.raises(InputError, match=rf"driving_sides\.yaml: .*{says}"):
         driving_sides(root)

@@ -14,8 +14,7 @@ from tsbench.signs.places import load_places
 def test_a_ramp_has_the_speeds_of_its_road() -> None:
     table = load_places()
     ramp, road = (
-        table.allowed_speeds(road_class=f"highway.{name}", code="5.31")
-        for name in ("primary_link", "primary")
+        table.allowed_speeds(road_class=f"highway.{name}", code="5.31") for name in ("primary_link", "primary")
     )
     assert ramp == road == (40.0, 50.0)
     assert table.allowed_speeds(road_class="highway.primary", code="5.21") == ()
@@ -38,9 +37,7 @@ def test_a_ramp_has_the_speeds_of_its_road() -> None:
         ('living_street: {"3.24": [20]', 'living_street: {"2.1": [20]', "2.1: no sign with a value"),
     ],
 )
-def test_a_wrong_table_is_one_line(
-    edited: Callable[[str, str, str], Path], old: str, new: str, says: str
-) -> None:
+def test_a_wrong_table_is_one_line(edited: Callable[[str, str, str], Path], old: str, new: str, says: str) -> None:
     with pytest.raises(InputError, match=r"places\.yaml: ") as caught:
         load_places(edited("places.yaml", old, new))
     assert says in str(caught.value)

@@ -128,12 +128,7 @@ def test_numbers_keep_within_the_width_of_two_digits() -> None:
     ],
 )
 def test_a_damaged_drawing_gives_one_line(
-    edited: Callable[[str, str, str], Path],
-    monkeypatch: pytest.MonkeyPatch,
-    name: str,
-    old: str,
-    new: str,
-    said: str,
+    edited: Callable[[str, str, str], Path], monkeypatch: pytest.MonkeyPatch, name: str, old: str, new: str, said: str
 ) -> None:
     root = edited(name, old, new)
     monkeypatch.setattr(plates, "load_catalog", lambda **_: load_catalog(root))

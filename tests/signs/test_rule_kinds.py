@@ -38,9 +38,7 @@ def test_every_kind_has_a_zone_to_draw() -> None:
         if name not in drawn:
             scene, _ = loader.load(row)
             kind = RULE_KINDS[name].params
-            assert (
-                scene.target_sign.params is None if kind is None else type(scene.target_sign.params) is kind
-            )
+            assert scene.target_sign.params is None if kind is None else type(scene.target_sign.params) is kind
             zone = rule_zone(scene)
             assert zone is not None
             assert zone.area > 0.0
@@ -90,10 +88,6 @@ def test_a_file_that_does_not_fit_its_kind_is_refused(
 
 def test_a_rule_that_nobody_declared_is_refused(catalog_copy: Path) -> None:
     text = (catalog_copy / "rules" / "speed.yaml").read_text(encoding="utf-8")
-    (catalog_copy / "rules" / "fly.yaml").write_text(
-        text.replace("rule: speed", "rule: fly"), encoding="utf-8"
-    )
-    with pytest.raises(
-        InputError, match=r"fly\.yaml: rule: 'fly' is not declared in tsbench/signs/rule_kinds\.py"
-    ):
+    (catalog_copy / "rules" / "fly.yaml").write_text(text.replace("rule: speed", "rule: fly"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"fly\.yaml: rule: 'fly' is not declared in tsbench/signs/rule_kinds\.py"):
         load_catalog(catalog_copy)

@@ -16,11 +16,7 @@ from tsbench.sim.scene import Obstacle
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, EgoState
 
 BODY = st.tuples(
-    st.floats(-15, 15),
-    st.floats(-15, 15),
-    st.floats(-math.pi, math.pi),
-    st.floats(0.5, 18),
-    st.floats(0.4, 2.9),
+    st.floats(-15, 15), st.floats(-15, 15), st.floats(-math.pi, math.pi), st.floats(0.5, 18), st.floats(0.4, 2.9)
 )
 
 

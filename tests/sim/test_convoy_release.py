@@ -51,20 +51,12 @@ def slowly(to_line: float, to_zone: float, speed: float, cruise: float, turn: fl
     return time
 
 
-@given(
-    st.floats(0.0, 60.0),
-    st.floats(0.5, 15.0),
-    st.floats(0.0, 15.0),
-    st.floats(3.0, 16.7),
-    st.floats(1.5, 14.0),
-)
+@given(st.floats(0.0, 60.0), st.floats(0.5, 15.0), st.floats(0.0, 15.0), st.floats(3.0, 16.7), st.floats(1.5, 14.0))
 def test_the_prediction_is_the_drive_that_it_describes(
     to_line: float, beyond: float, speed: float, cruise: float, turn: float
 ) -> None:
     predicted = predicted_arrival(to_line, to_line + beyond, speed, cruise, turn)
-    assert predicted == pytest.approx(
-        slowly(to_line, to_line + beyond, speed, cruise, turn), abs=0.35, rel=0.05
-    )
+    assert predicted == pytest.approx(slowly(to_line, to_line + beyond, speed, cruise, turn), abs=0.35, rel=0.05)
 
 
 def test_who_stands_still_for_ever_is_late_not_absent() -> None:
@@ -97,9 +89,7 @@ def test_released_once_in_time_and_at_twelve_metres_at_the_latest(
 
 
 @given(st.floats(0.0, 80.0), st.floats(0.0, 20.0), st.floats(0.5, 4.0), st.floats(5.0, 22.0))
-def test_nothing_that_speeds_up_as_it_can_is_there_sooner(
-    way: float, speed: float, accel: float, top: float
-) -> None:
+def test_nothing_that_speeds_up_as_it_can_is_there_sooner(way: float, speed: float, accel: float, top: float) -> None:
     arrival, v, gone, step = earliest_arrival(way, speed, accel, top), speed, 0.0, 1e-3
     for _ in range(round(arrival / step)):
         v = max(min(v + accel * step, top), speed)
@@ -150,11 +140,5 @@ def test_people_who_wait_until_the_ego_is_past_do(cross: RoadNetwork) -> None:
     plan = WalkersPlan("s_in_0", 1.0, 60.0, 13.89, 13.89, ("walker_0",), (1.2,), until_past=True)
     release, length = ConvoyRelease(plan, cross), cross.lane("s_in_0").line.length
     inside = cross.lanes[cross.outgoing[cross.lane("s_in_0").index][0].via[0]].id
-    places = [
-        ("s_in_0", length - 20.0),
-        ("s_in_0", length - 0.1),
-        (inside, 1.0),
-        ("n_out_0", 0.5),
-        ("n_out_0", 9.0),
-    ]
+    places = [("s_in_0", length - 20.0), ("s_in_0", length - 0.1), (inside, 1.0), ("n_out_0", 0.5), ("n_out_0", 9.0)]
     assert [release.update(ego_at(cross, *place)) for place in places] == [False, False, False, True, False]

@@ -33,14 +33,7 @@ def scene(made: SceneMaker, name: str, code: str = "2.4", cars: tuple[Car, ...] 
     sign = plate(made.network, "s_in", 140.0, code, **(GIVE_WAY if code == "2.4" else {}))
     plan = ConvoyPlan("s_in_0", 4.0, 60.0, 13.89, 5.0, ("convoy_0", "convoy_1"))
     spec: ScenarioSpec = made.make(
-        name,
-        START,
-        Destination("n_out", 60.0),
-        ("s_in", "n_out"),
-        sign,
-        cars=cars,
-        convoy=plan,
-        convoy_at=CONVOY,
+        name, START, Destination("n_out", 60.0), ("s_in", "n_out"), sign, cars=cars, convoy=plan, convoy_at=CONVOY
     )
     return SceneLoader(DataSet.in_use(), SceneFolder(made.root)).load(spec)[0]
 
@@ -60,9 +53,7 @@ class Stage:
         """The ego's front is so far before its line for a while, as if it had that speed; where everybody is then."""
         s = self.line_m - before_line - EGO_LENGTH_M / 2
         m = motion_at(self.network, "s_in_0", s)
-        ego = EgoState(
-            m.x, m.y, m.heading, speed, 0.0, 0.0, 0.0, self.network.lane_index["s_in_0"], s, 0.0, True
-        )
+        ego = EgoState(m.x, m.y, m.heading, speed, 0.0, 0.0, 0.0, self.network.lane_index["s_in_0"], s, 0.0, True)
         for _ in range(round(seconds / DT_S)):
             self.traffic.update(ego)
             self.sim.place_ego(m, "s_in", 0)
@@ -90,9 +81,7 @@ def test_everybody_waits_for_who_stands_far_from_its_line(sim: Simulation, on_cr
     assert there["convoy_0"][0] != "w_in_0"
 
 
-def test_who_is_under_way_is_shown_nothing_before_it_is_too_late(
-    sim: Simulation, on_cross: SceneMaker
-) -> None:
+def test_who_is_under_way_is_shown_nothing_before_it_is_too_late(sim: Simulation, on_cross: SceneMaker) -> None:
     """However slowly it comes: it could still stop where it would meet the convoy."""
     stage = Stage(sim, scene(on_cross, "slowly"))
     assert stage.scene.convoy is not None
@@ -130,24 +119,18 @@ def led(stage: Stage, speed: float, seconds: float) -> list[float]:
     return [fleet["convoy_0"][1] for fleet in there]
 
 
-def test_the_convoy_hurries_where_the_ego_could_be_through_before_it(
-    sim: Simulation, on_cross: SceneMaker
-) -> None:
+def test_the_convoy_hurries_where_the_ego_could_be_through_before_it(sim: Simulation, on_cross: SceneMaker) -> None:
     """As long as plates are not shown."""
     calm, rushing = (led(Stage(sim, scene(on_cross, "rushes")), speed, 2.4) for speed in (10.0, 22.0))
     assert rushing[-1] > calm[-1] + 1.0
 
 
 @pytest.mark.parametrize("speed", [3.0, 4.0, 5.0])
-def test_a_slow_ego_meets_a_convoy_that_still_comes(
-    sim: Simulation, on_cross: SceneMaker, speed: float
-) -> None:
+def test_a_slow_ego_meets_a_convoy_that_still_comes(sim: Simulation, on_cross: SceneMaker, speed: float) -> None:
     """It does not stand at its line when the ego decides, and brakes no harder than for its hold."""
     made = scene(on_cross, "slow")
     assert made.convoy is not None
-    plan = replace(
-        made.convoy, lead_time_s=9.0, ego_zone_m=4.0, ego_cruise_mps=11.1, after_s=2.5, keeps_back=True
-    )
+    plan = replace(made.convoy, lead_time_s=9.0, ego_zone_m=4.0, ego_cruise_mps=11.1, after_s=2.5, keeps_back=True)
     made = replace(made, convoy=plan)
     stage, lead = Stage(sim, made), []
     to_line = 30.0
@@ -159,9 +142,7 @@ def test_a_slow_ego_meets_a_convoy_that_still_comes(
     assert max(a - b for a, b in pairwise(lead)) < 2.5 * DT_S
 
 
-def test_the_convoy_sets_off_where_it_could_otherwise_not_be_there(
-    sim: Simulation, on_cross: SceneMaker
-) -> None:
+def test_the_convoy_sets_off_where_it_could_otherwise_not_be_there(sim: Simulation, on_cross: SceneMaker) -> None:
     """Both do their utmost: 3 m/s2, up to 22.2 m/s."""
     made = scene(on_cross, "sooner")
     assert made.convoy is not None
@@ -188,9 +169,7 @@ def test_who_rushed_and_brakes_is_told_no_sooner(sim: Simulation, on_cross: Scen
 def entering(made: Scene) -> Scene:
     """The scene with a convoy that enters at the start of its arm, the second car 2 s after the first."""
     root = read_additional(made.additional.path, made.additional.content)
-    for k, vehicle in enumerate(
-        root.findall("vehicle[@type='convoy0']") + root.findall("vehicle[@type='convoy1']")
-    ):
+    for k, vehicle in enumerate(root.findall("vehicle[@type='convoy0']") + root.findall("vehicle[@type='convoy1']")):
         vehicle.attrib.update({"depart": str(9 + 2 * k), "departPos": "base", "departSpeed": "max"})
         del vehicle.attrib["insertionChecks"]
     return replace(made, additional=SceneFile(made.additional.path, etree.tostring(root)))

@@ -16,9 +16,7 @@ from tsbench.sim.scene import Scene
 def scene_of(kind: str, half: str) -> Scene:
     """The first one of a type and half."""
     table = DataSet.in_use().table("dev")
-    return load_scene(
-        DataSet.in_use(), next(row for row in table if (row.scenario_type, row.half) == (kind, half))
-    )
+    return load_scene(DataSet.in_use(), next(row for row in table if (row.scenario_type, row.half) == (kind, half)))
 
 
 def test_a_main_road_that_turns_has_its_shape_beneath_each_plate() -> None:
@@ -37,9 +35,7 @@ def test_a_main_road_that_turns_has_its_shape_beneath_each_plate() -> None:
         assert left == pytest.approx(-right, abs=15)
 
 
-@pytest.mark.parametrize(
-    ("kind", "half"), [("yield", "signed"), ("stop", "signed"), ("main_road", "contrast")]
-)
+@pytest.mark.parametrize(("kind", "half"), [("yield", "signed"), ("stop", "signed"), ("main_road", "contrast")])
 def test_a_main_road_that_goes_straight_on_or_ends_has_none(kind: str, half: str) -> None:
     scene = scene_of(kind, half)
     assert any(sign.code == "2.1" for sign in scene.signs)

@@ -32,9 +32,7 @@ def follow(block: RoadNetwork, n: Navigator, lanes: list[str], d: float = 0.0) -
 
 
 @given(st.floats(-1.2, 1.2))
-def test_on_the_route_the_path_stands_and_progress_is_monotone(
-    block: RoadNetwork, graph: LaneGraph, d: float
-) -> None:
+def test_on_the_route_the_path_stands_and_progress_is_monotone(block: RoadNetwork, graph: LaneGraph, d: float) -> None:
     n = Navigator(graph, END)
     views = follow(block, n, ["ta_0", ":a_4_0", "ab_0", ":b_4_0", "bu_0"], d)
     assert len({id(v.path) for v in views}) == 1

@@ -37,9 +37,7 @@ def on_crossing(tmp_path_factory: pytest.TempPathFactory) -> SceneMaker:
     road = replace(plain.edges[0], disallow="pedestrian")
     recipe = load_recipe("crosswalk", load_catalog())
     net = folder / "crossing.net.xml.gz"
-    back = replace(
-        road, id="back", source=road.target, target=road.source, num_lanes=1, shape=road.shape[::-1]
-    )
+    back = replace(road, id="back", source=road.target, target=road.source, num_lanes=1, shape=road.shape[::-1])
     plain = replace(plain, edges=(road, back))
     build_net(with_crossings(plain, road, back, (100.0, 180.0), recipe), net)
     return SceneMaker(folder, net, read_network(net))
@@ -186,9 +184,7 @@ def test_the_plain_scene_lets_them_walk_at_their_nominal_time(
     assert speeds[90] == pytest.approx(SPEED)
 
 
-def test_the_same_scene_gives_the_same_bytes(
-    sim: Simulation, on_crossing: SceneMaker, spec: ScenarioSpec
-) -> None:
+def test_the_same_scene_gives_the_same_bytes(sim: Simulation, on_crossing: SceneMaker, spec: ScenarioSpec) -> None:
     def bytes_of() -> list[bytes]:
         drive = Drive(sim, on_crossing, spec)
         drive.step()

@@ -156,9 +156,7 @@ def test_a_missing_point(block: RoadNetwork, file: Path, name: str) -> None:
         ("sign_0", "lane", "7", "edge 'ta' has no lane 7"),
     ],
 )
-def test_a_wrong_parameter(
-    block: RoadNetwork, file: Path, name: str, key: str, value: str | None, words: str
-) -> None:
+def test_a_wrong_parameter(block: RoadNetwork, file: Path, name: str, key: str, value: str | None, words: str) -> None:
     assert words in broken(block, file, lambda es: param(es, name, key, value))
 
 

@@ -37,16 +37,12 @@ CARS = [
 ]
 
 
-def scene(
-    on_cross: SceneMaker, name: str, cars: list[Car], start: EgoStart = START, **more: object
-) -> ScenarioSpec:
+def scene(on_cross: SceneMaker, name: str, cars: list[Car], start: EgoStart = START, **more: object) -> ScenarioSpec:
     sign = plate(on_cross.network, "w_in", 139.0)
     return on_cross.make(name, start, END, WAY, sign, cars=cars, **more)  # type: ignore[arg-type]
 
 
-def begin(
-    sim: Simulation, made: SceneMaker, spec: ScenarioSpec, start: EgoStart = START, seed: int = 7
-) -> Motion:
+def begin(sim: Simulation, made: SceneMaker, spec: ScenarioSpec, start: EgoStart = START, seed: int = 7) -> Motion:
     """Load as an episode does."""
     network = made.network
     lane = network.lane(start.lane)
@@ -79,9 +75,7 @@ def sumo_front() -> tuple[float, float]:
     return float(x), float(y)
 
 
-def test_the_ego_is_where_its_geometry_says(
-    sim: Simulation, on_cross: SceneMaker, busy: ScenarioSpec
-) -> None:
+def test_the_ego_is_where_its_geometry_says(sim: Simulation, on_cross: SceneMaker, busy: ScenarioSpec) -> None:
     m = begin(sim, on_cross, busy)
     commands = [(-1.0, 0.3), (2.0, -0.4), (0.0, 0.1), (-3.0, 0.5), (3.0, -0.2)]
     for k in range(50):
@@ -163,9 +157,7 @@ print(stream(simulation(), SceneMaker(net.parent, net, read_network(net)), spec)
 """
 
 
-def test_the_same_scene_is_the_same_to_the_byte(
-    sim: Simulation, on_cross: SceneMaker, busy: ScenarioSpec
-) -> None:
+def test_the_same_scene_is_the_same_to_the_byte(sim: Simulation, on_cross: SceneMaker, busy: ScenarioSpec) -> None:
     first = stream(sim, on_cross, busy)
     other = scene(on_cross, "other", CARS[:2])
     between = stream(sim, on_cross, other)
@@ -274,11 +266,7 @@ def test_set_route_only_from_the_edge_that_the_ego_is_on(sim: Simulation, on_cro
 REFUSED = {
     "an edge that is not there": ([Car("bg_000", 0, 0.0, ("zz", "e_out"), 0, 10.0)], START, "does not load"),
     "a type that is not there": ([Car("bg_000", 9, 0.0, WAY, 0, 10.0)], START, "does not load"),
-    "edges that do not connect": (
-        [Car("bg_000", 0, 0.0, ("w_in", "e_in"), 0, 10.0)],
-        START,
-        "no valid route",
-    ),
+    "edges that do not connect": ([Car("bg_000", 0, 0.0, ("w_in", "e_in"), 0, 10.0)], START, "no valid route"),
     "a lane that is not there": ([Car("bg_000", 0, 0.0, WAY, 4, 10.0)], START, "departLane"),
     "a start above the limit": ([], EgoStart("w_in_0", 40.0, 20.0), "too high for the departure edge"),
 }
@@ -330,9 +318,7 @@ def test_a_move_that_no_step_carried_out_does_not_hurt_the_next_load(
     assert sim.actors() is not None
 
 
-def test_the_table_starts_anew_with_each_scene(
-    sim: Simulation, on_cross: SceneMaker, busy: ScenarioSpec
-) -> None:
+def test_the_table_starts_anew_with_each_scene(sim: Simulation, on_cross: SceneMaker, busy: ScenarioSpec) -> None:
     m = begin(sim, on_cross, busy)
     stand(sim, m, "w_in", 5)
     kept = sim.table
@@ -344,9 +330,7 @@ def test_the_table_starts_anew_with_each_scene(
     assert kept.ids == names  # the record of the episode before stays as it was
 
 
-def test_a_simulation_can_be_closed_and_opened_again(
-    sim: Simulation, on_cross: SceneMaker, busy: ScenarioSpec
-) -> None:
+def test_a_simulation_can_be_closed_and_opened_again(sim: Simulation, on_cross: SceneMaker, busy: ScenarioSpec) -> None:
     begin(sim, on_cross, busy)
     sim.close()
     sim.close()
@@ -354,9 +338,7 @@ def test_a_simulation_can_be_closed_and_opened_again(
     assert sim.actors() is not None
 
 
-def test_a_second_simulation_takes_over_and_the_first_is_told(
-    on_cross: SceneMaker, busy: ScenarioSpec
-) -> None:
+def test_a_second_simulation_takes_over_and_the_first_is_told(on_cross: SceneMaker, busy: ScenarioSpec) -> None:
     first, second = Simulation(), Simulation()
     motion = begin(first, on_cross, busy)
     alone = stand(first, motion, "w_in", 20)[-1]

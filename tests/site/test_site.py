@@ -50,9 +50,7 @@ def test_every_picture_is_shown_by_a_page() -> None:
 def _targets(page: Path) -> list[tuple[Path, str]]:
     """Links of a page into the site: the file, and the place in it."""
     found = re.findall(r'<a[^>]* href="(?![a-z]+:)([^"#]*)(?:#([^"]*))?"', page.read_text(encoding="utf-8"))
-    return [
-        ((page.parent / unquote(file)).resolve() if file else page, unquote(anchor)) for file, anchor in found
-    ]
+    return [((page.parent / unquote(file)).resolve() if file else page, unquote(anchor)) for file, anchor in found]
 
 
 def test_every_link_leads_to_a_file_and_a_place_in_it(site: Path) -> None:

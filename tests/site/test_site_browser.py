@@ -70,9 +70,7 @@ def test_search_leads_to_a_page(chromium: Browser, address: str, pictures: Modul
         assert "stop" in page.locator("article").inner_text().lower()
 
 
-def test_no_page_is_wider_than_a_phone(
-    chromium: Browser, site: Path, address: str, pictures: ModuleType
-) -> None:
+def test_no_page_is_wider_than_a_phone(chromium: Browser, site: Path, address: str, pictures: ModuleType) -> None:
     with window(chromium, address, pictures.PHONE) as page:
         wide = {}
         for name in WIDE:
@@ -101,9 +99,7 @@ def test_the_menu_opens_on_a_phone_and_stands_beside_the_text_on_a_desktop(
         assert menu["x"] + menu["width"] <= text["x"]
 
 
-def test_pictures_of_the_site_are_taken(
-    chromium: Browser, address: str, pictures: ModuleType, tmp_path: Path
-) -> None:
+def test_pictures_of_the_site_are_taken(chromium: Browser, address: str, pictures: ModuleType, tmp_path: Path) -> None:
     pictures.take_pictures(chromium, address, tmp_path)
     for name in pictures.PICTURES:
         assert (tmp_path / name).read_bytes().startswith(b"\x89PNG")

@@ -9,15 +9,7 @@ from pathlib import Path
 from spec_tables import ROOT, headings
 
 TEXTS = {".py", ".yaml", ".md", ".toml", ".js", ".css", ".html", ".netccfg", ".xml"}
-FOLDERS = (
-    "tsbench",
-    "tests",
-    "sign_catalog",
-    "scenarios/recipes",
-    "sumo_nets/netconvert",
-    "examples",
-    "docs",
-)
+FOLDERS = ("tsbench", "tests", "sign_catalog", "scenarios/recipes", "sumo_nets/netconvert", "examples", "docs")
 # docs/rules.md, "Give way": a page, and the section where one is named.
 CITATION = re.compile(r"(?<![\w/.])(docs/(?:[\w-]+/)*[\w-]+\.md)(?:,\s+\"([^\"]+)\")?")
 LINK = re.compile(r"\]\(([^)\s]+)\)")

@@ -53,9 +53,7 @@ def test_turns_allow_what_the_page_allows() -> None:
 
 
 def test_who_has_priority() -> None:
-    page = {
-        code: row["priority_to"] for row in table("rules.md", "priority_to") for code in words(row["signs"])
-    }
+    page = {code: row["priority_to"] for row in table("rules.md", "priority_to") for code in words(row["signs"])}
     catalogue = {
         code: sign.rule.option("priority_to")
         for code, sign in CATALOG.signs.items()

@@ -32,9 +32,7 @@ def test_the_presets_of_crosswalks() -> None:
 
 
 def test_the_axes_of_variants() -> None:
-    axes = {
-        row["dimension"].partition(",")[0]: numbers(row["values"]) for row in table("scenes.md", "dimension")
-    }
+    axes = {row["dimension"].partition(",")[0]: numbers(row["values"]) for row in table("scenes.md", "dimension")}
     ends = [quantile(variants.DENSITY_KEY, share) for share in variants.DENSITY_SHARES]
     assert axes == {
         "route length after the decision point": list(variants.ROUTE_LENGTHS_M),

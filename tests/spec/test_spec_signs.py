@@ -67,12 +67,7 @@ def test_the_types_are_those_of_the_catalogue() -> None:
 
 def test_the_counts() -> None:
     assert [int(row["row"]) for row in TYPES] == list(range(1, 30))
-    assert Counter(row["group"] for row in TYPES) == {
-        "Priority": 6,
-        "Speed": 4,
-        "Obstacles": 8,
-        "Routing": 11,
-    }
+    assert Counter(row["group"] for row in TYPES) == {"Priority": 6, "Speed": 4, "Obstacles": 8, "Routing": 11}
     named = [code for row in TYPES for code in CODE.findall(row["plates"])]
     assert sorted(named) == sorted(CATALOG.signs)
     assert len(named) == 34
@@ -81,11 +76,7 @@ def test_the_counts() -> None:
 
 
 def test_the_plates_of_a_secondary_road_stand_on_their_shapes() -> None:
-    assert [CATALOG.sign(code).maps.shapes for code in ("2.3.1", "2.3.2", "2.3.3")] == [
-        ("X",),
-        ("T",),
-        ("T",),
-    ]
+    assert [CATALOG.sign(code).maps.shapes for code in ("2.3.1", "2.3.2", "2.3.3")] == [("X",), ("T",), ("T",)]
 
 
 def test_the_countries_have_the_equivalents_that_the_page_says() -> None:

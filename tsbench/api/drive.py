@@ -58,17 +58,10 @@ class Drive:
         self.answer: Control | Trajectory | None = None
         self._driver = d = _driver_of(planner)
         self._episode = Episode(
-            row,
-            planner=d.name,
-            privileged=d.privileged,
-            floor=d.floor,
-            perception=perception,
-            loader=self._loader,
+            row, planner=d.name, privileged=d.privileged, floor=d.floor, perception=perception, loader=self._loader
         )
         if self._episode.result is not None:
-            raise InputError(
-                f"{row.scenario_id}: {self._episode.result.error or self._episode.result.outcome}"
-            )
+            raise InputError(f"{row.scenario_id}: {self._episode.result.error or self._episode.result.outcome}")
         self.context: PlannerContext = self._episode.context
         d.planner.reset(self.context)
 
@@ -161,9 +154,14 @@ class Drive:
 
 @keywords()
 def drive(
-    planner: Given | Planner, scenario: str, *, split: str | None = None, city: str | None = None,
-    mask_signs: bool = False, perception: str | Path = EXACT,
-) -> Drive:  # fmt: skip
+    planner: Given | Planner,
+    scenario: str,
+    *,
+    split: str | None = None,
+    city: str | None = None,
+    mask_signs: bool = False,
+    perception: str | Path = EXACT,
+) -> Drive:
     """Begin an episode in this process, to be stepped through.
 
     planner: as `evaluate` takes one; also a class or function of a notebook, or an object with reset and act. scenario:

@@ -34,9 +34,7 @@ def evaluate(planner: Given | Sequence[Given] = (), **options: Any) -> Run:
     wrong options, bad input, or a folder that cannot be used.
     """
     if getattr(sys.modules["__main__"].__spec__, "name", "") == _WORKER:
-        raise InputError(
-            'evaluate is called while a worker imports a planner: put it below if __name__ == "__main__":'
-        )
+        raise InputError('evaluate is called while a worker imports a planner: put it below if __name__ == "__main__":')
     _SIGNATURE.bind(planner, **options)
     with keywords():
         given = {"planners": planner, **options} if planner != () else options
@@ -73,9 +71,7 @@ def _from_file(given: Mapping[str, Any]) -> dict[str, Any]:
     names = {"planner": "planners", "listener": "listeners"}
     found = {names.get(key, key.replace("-", "_")): (key, value) for key, value in section.items()}
     if unknown := [key for name, (key, _) in found.items() if name not in options_in(RunOptions)]:
-        raise InputError(
-            f"{TOML}: [run] {unknown[0]}: no such option; there are {', '.join(options_in(RunOptions))}"
-        )
+        raise InputError(f"{TOML}: [run] {unknown[0]}: no such option; there are {', '.join(options_in(RunOptions))}")
     missing = {name: value for name, (_, value) in found.items() if name not in given}
     if missing:
         print(f"{TOML}: {', '.join(found[name][0] for name in missing)}", file=sys.stderr)

@@ -76,11 +76,7 @@ def _rows(
 
 
 def _readings(
-    figure: StrictAndCompleted[Estimate] | StrictAndCompleted[Difference],
-    name: str,
-    over: str,
-    part: str,
-    unit: str,
+    figure: StrictAndCompleted[Estimate] | StrictAndCompleted[Difference], name: str, over: str, part: str, unit: str
 ) -> Iterator[_Row]:
     for reading, value in figure.readings():
         yield {"figure": name, "over": over, "name": part, "reading": reading, "unit": unit, **asdict(value)}

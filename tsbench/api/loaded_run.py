@@ -115,9 +115,14 @@ class Run:
 
     @keywords()
     def compare(
-        self, other: Run, *, planner: str | None = None, other_planner: str | None = None,
-        force: bool = False, allow_partial: bool = False,
-    ) -> Compared:  # fmt: skip
+        self,
+        other: Run,
+        *,
+        planner: str | None = None,
+        other_planner: str | None = None,
+        force: bool = False,
+        allow_partial: bool = False,
+    ) -> Compared:
         """`other` (B) against this run (A), scenario by scenario. The planners are named where a run has several.
 
         Raises InputError, unless forced, for different contracts or scenarios.
@@ -143,9 +148,7 @@ class Run:
 
     def __repr__(self) -> str:
         there, asked = len(self._stored.episodes), sum(self._stored.asked.values())
-        return (
-            f"Run({str(self.path)!r}: {', '.join(self.planners)}; {there} of {asked} episodes, {self.status})"
-        )
+        return f"Run({str(self.path)!r}: {', '.join(self.planners)}; {there} of {asked} episodes, {self.status})"
 
 
 def load_run(path: str | Path) -> Run:

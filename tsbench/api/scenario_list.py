@@ -45,9 +45,7 @@ class Scenario:
 
     def _repr_png_(self) -> bytes:
         paint, render = load("tsbench.report.drawing.paint"), load("tsbench.report.scene_pictures")
-        picture: bytes = paint.png_bytes(
-            render.scene_picture(self.scene, self.scenario_id, map_id=self.row.map_id)
-        )
+        picture: bytes = paint.png_bytes(render.scene_picture(self.scene, self.scenario_id, map_id=self.row.map_id))
         return picture
 
 

@@ -58,9 +58,7 @@ class Shown:
     def frame(self) -> Picture:
         """The picture of one moment, PNG. Raises InputError for a time outside of the episode."""
         with keywords(), driving(city_of(self.run.manifest)):
-            return Picture(
-                png_bytes(moment(self.trace, load_scene(self.run.data, self.trace.spec), self.time))
-            )
+            return Picture(png_bytes(moment(self.trace, load_scene(self.run.data, self.trace.spec), self.time)))
 
     def save(self, path: str | Path) -> Path:
         """Write the frame (a path that ends in .png) or else the player's page."""

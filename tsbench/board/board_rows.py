@@ -152,9 +152,7 @@ def read_rows(folder: Path) -> list[BoardRow]:
             raise InputError(f"{path}: is of a submission that is not below {folder}, or was changed since")
         row = rows[record.submission_sha256]
         if strange := {*record.driven} - {episode.scenario_id for episode in row.submission.episodes}:
-            raise InputError(
-                f"{path}: says that {min(strange)} was driven, of which {row.path} has no episode"
-            )
+            raise InputError(f"{path}: says that {min(strange)} was driven, of which {row.path} has no episode")
         if row.checked and list(record.driven) != _drawn(row.submission, record):
             raise InputError(f"{path}: seed {record.seed} draws other episodes than it says were driven")
         row.verifications.append(record)
@@ -175,8 +173,7 @@ def _check_names(rows: Iterable[BoardRow]) -> None:
             other, first = seen.setdefault(skeleton(name), (name, row))
             if other != name and first.planner_id != row.planner_id:
                 raise InputError(
-                    f"{row.path}: {name!a} looks like {other!a} of {first.path}: "
-                    "one of them needs another name"
+                    f"{row.path}: {name!a} looks like {other!a} of {first.path}: one of them needs another name"
                 )
 
 
@@ -190,9 +187,7 @@ def _check(path: Path, submission: Submission) -> bool:
         return False
     found = figures_of(submission.episodes, table, submission.planner, submission.contract)
     if found != submission.figures:
-        wrong = next(
-            (f"{a.figure} of {a.over}" for a in found if a not in submission.figures), "their number"
-        )
+        wrong = next((f"{a.figure} of {a.over}" for a in found if a not in submission.figures), "their number")
         raise InputError(
             f"{path}: its figures do not follow from its episodes ({wrong}): it is no submission of tsbench"
         )

@@ -86,17 +86,13 @@ def _about(info: PlannerInfo) -> list[Finding]:
     if comes_with_tsbench(info.spec):
         found = [Finding(Level.OK, "code", f"{info.name}, of tsbench, scoring {SCORING}{weights}")]
     elif not info.files:
-        return [
-            Finding(Level.PROBLEM, "code", "its code is in no file that could be hashed: write it to one")
-        ]
+        return [Finding(Level.PROBLEM, "code", "its code is in no file that could be hashed: write it to one")]
     else:
         shown, more = opened_files.names(info.files)[:_SHOWN], len(info.files) - _SHOWN
         others = f" and {more} more" if more > 0 else ""
         found = [Finding(Level.OK, "code", f"{info.name}, hashed: {', '.join(shown)}{others}{weights}")]
     if info.privileged:
-        found.append(
-            Finding(Level.NOTE, "privilege", "is told the target's rule: the row is flagged as privileged")
-        )
+        found.append(Finding(Level.NOTE, "privilege", "is told the target's rule: the row is flagged as privileged"))
     if info.may_remember:
         text = "its episodes share a process: the row is marked as one that may remember earlier episodes"
         found.append(Finding(Level.NOTE, "memory", text))
@@ -108,6 +104,4 @@ def _repeats(same: Sequence[EpisodeResult]) -> Finding:
     if any(not np.array_equal(a.commands, b.commands) for a, b in pairwise(same)):
         text = "other commands on the same scene the second time: a verification of the row will refute it"
         return Finding(Level.PROBLEM, "determinism", text)
-    return Finding(
-        Level.OK, "determinism", "same scene, same commands: after other scenes, and in a new process"
-    )
+    return Finding(Level.OK, "determinism", "same scene, same commands: after other scenes, and in a new process")

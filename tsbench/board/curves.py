@@ -42,20 +42,23 @@ def _curve(points: Sequence[Point], floor: Point | None) -> Drawing:
     if floor is not None and floor[1].value is not None:
         axes.axhline(floor[1].value, color=GREY, linewidth=1.2, linestyle=(0, (4, 3)))
         axes.annotate(
-            f"floor: {floor[0]}", (0.0, floor[1].value), (2, 3), xycoords=("axes fraction", "data"),
-            textcoords="offset points", fontsize=8, color=GREY,
-        ).set(parse_math=False)  # fmt: skip
+            f"floor: {floor[0]}",
+            (0.0, floor[1].value),
+            (2, 3),
+            xycoords=("axes fraction", "data"),
+            textcoords="offset points",
+            fontsize=8,
+            color=GREY,
+        ).set(parse_math=False)
     known = [(x, figure.value, figure) for x, (_, figure) in enumerate(points) if figure.value is not None]
-    axes.plot(
-        [x for x, _, _ in known], [v for _, v, _ in known], "o-", color=_COLOUR, markersize=5, linewidth=1.6
-    )
+    axes.plot([x for x, _, _ in known], [v for _, v, _ in known], "o-", color=_COLOUR, markersize=5, linewidth=1.6)
     for x, top, figure in known:
         if figure.low is not None and figure.high is not None:
             axes.plot([x, x], [figure.low, figure.high], color=_COLOUR, linewidth=1.2)
             top = figure.high
         axes.annotate(
-            f"{figure.value:.1f}", (x, top), (0, 4), textcoords="offset points", ha="center", fontsize=8.5, color=INK,
-        )  # fmt: skip
+            f"{figure.value:.1f}", (x, top), (0, 4), textcoords="offset points", ha="center", fontsize=8.5, color=INK
+        )
     axes.set_xticks(range(len(points)), [level for level, _ in points])
     for label in axes.get_xticklabels():
         label.set(parse_math=False)
@@ -71,9 +74,7 @@ def _cities(points: Sequence[Point]) -> Drawing:
     drawing = Drawing(figsize=(_WIDTH, _ROWS + _ROW * len(points)), layout="constrained")
     axes = drawing.subplots()
     rows = [
-        ForestRow(
-            city, (Mark(f.value, f.low, f.high, _COLOUR),), "–" if f.value is None else f"{f.value:.1f}"
-        )
+        ForestRow(city, (Mark(f.value, f.low, f.high, _COLOUR),), "–" if f.value is None else f"{f.value:.1f}")
         for city, f in points
     ]
     draw_rows(axes, rows)

@@ -30,9 +30,7 @@ _COLUMNS = (
     page_column("planner", "driven", filter="choice", minor=True),
     page_column("scenario_type", "type", filter="choice"),
     page_column("half", "half", filter="choice", minor=True),
-    page_column(
-        "failure", "failure", filter="choice", title="the clause that was violated, or how the drive ended"
-    ),
+    page_column("failure", "failure", filter="choice", title="the clause that was violated, or how the drive ended"),
     page_column("told", "what happened", minor=True, wide=True),
     page_column("scenario_id", "scenario", minor=True),
     page_column("playable", "player", "flag", hidden=True),
@@ -150,10 +148,7 @@ def _add(row: BoardRow, label: str, most: int, table: _Table, packed: Embedded) 
 
 
 def _chosen(
-    submission: Submission,
-    specs: Mapping[str, ScenarioSpec],
-    most: int,
-    trace: Callable[[SubmittedEpisode], Path],
+    submission: Submission, specs: Mapping[str, ScenarioSpec], most: int, trace: Callable[[SubmittedEpisode], Path]
 ) -> Iterator[SubmittedEpisode]:
     """Failures that have a trace, each with the other half of its pair, signed halves first."""
     # Of an error outcome no record follows from the trace.

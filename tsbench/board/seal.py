@@ -63,16 +63,12 @@ def make_secret(path: Path) -> None:
         path.write_text(f"{secrets.token_hex(32)}\n", encoding="utf-8")
 
 
-def build_sealed(
-    types: Sequence[str], osm: Path, secret: Path, workers: int, progress: Progress
-) -> list[TypeReport]:
+def build_sealed(types: Sequence[str], osm: Path, secret: Path, workers: int, progress: Progress) -> list[TypeReport]:
     """As `build_city`, drawn with a secret. Raises InputError where what is there was drawn with another, or none."""
     place, digest = DataSet.in_use().folder / _SEAL, secret_sha256(secret)
     if place.is_file():
         if read_json(place, "seal").get("secret_sha256") != digest:
-            raise InputError(
-                f"{place}: this data set was begun with another secret: go on with that, or move it away"
-            )
+            raise InputError(f"{place}: this data set was begun with another secret: go on with that, or move it away")
     elif chosen_city().name != OWN_CITY and (DataSet.in_use().folder / "scenarios").exists():
         raise InputError(
             f"{DataSet.in_use().folder}: was built without a secret: move it away, or describe a city of another name"
@@ -88,19 +84,21 @@ def commitments() -> Commitments:
     data = DataSet.in_use()
     place = data.folder / _SEAL
     if not place.is_file():
-        raise InputError(
-            f"{place}: not there, so this data set is not sealed: tsbench seal build makes one that is"
-        )
+        raise InputError(f"{place}: not there, so this data set is not sealed: tsbench seal build makes one that is")
     city, splits = chosen_city(), data.splits
     if not splits:
         raise InputError(f"{data.folder}: nothing is built yet: tsbench seal build {city.name}")
     rows = {split: Counter(row.pair_type for row in data.table(split)) for split in splits}
     return Commitments(
-        SCHEMA_VERSION, city.name, city.title, edition_now(data),
+        SCHEMA_VERSION,
+        city.name,
+        city.title,
+        edition_now(data),
         {split: contract_now(data, split) for split in splits},
         read_json(place, "seal")["secret_sha256"],
-        {split: dict(sorted(counts.items())) for split, counts in rows.items()}, _files(data.folder),
-    )  # fmt: skip
+        {split: dict(sorted(counts.items())) for split, counts in rows.items()},
+        _files(data.folder),
+    )
 
 
 def write_commitments(found: Commitments, path: Path) -> None:
@@ -116,9 +114,7 @@ def problems(published: Commitments, secret: Path | None) -> list[str]:
     """What of the data set in use, and of the secret, is not what was published; [] where all of it is."""
     here = _files(DataSet.in_use().folder)
     found = [f"{name}: was committed to and is not here" for name in sorted(set(published.files) - set(here))]
-    found += [
-        f"{name}: is here and was not committed to" for name in sorted(set(here) - set(published.files))
-    ]
+    found += [f"{name}: is here and was not committed to" for name in sorted(set(here) - set(published.files))]
     found += [
         f"{name}: has SHA-256 {here[name][:12]}…, {published.files[name][:12]}… was committed to"
         for name in sorted(set(here) & set(published.files))

@@ -45,9 +45,7 @@ def build_site(folder: Path, out: Path, players: int) -> int:
     # Those whose figures were computed again first, then by size.
     order = sorted(sets, key=lambda key: (not any(row.checked for row in sets[key]), -len(sets[key]), key))
     shown = [_data_set(sets[key]) for key in order]
-    pages = {
-        _INDEX: render_page("leaderboard.html", title="tsbench leaderboard", scripts=_SCRIPTS, sets=shown)
-    }
+    pages = {_INDEX: render_page("leaderboard.html", title="tsbench leaderboard", scripts=_SCRIPTS, sets=shown)}
     for name, own in planners.items():
         pages[name] = _planner_page(own, sets, players)
     with io_errors_as_input_errors(out):
@@ -62,9 +60,7 @@ def _swap_in(out: Path, pages: Mapping[str, str]) -> None:
     """
     for path in out.iterdir() if out.exists() else ():
         if path.name != _INDEX and not PAGE.fullmatch(path.name):
-            raise InputError(
-                f"{out}: {path.name} is no page of a leaderboard: choose a folder of its own with --out"
-            )
+            raise InputError(f"{out}: {path.name} is no page of a leaderboard: choose a folder of its own with --out")
     out.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.", suffix=".tmp") as beside:
         new, old = Path(beside, "new"), Path(beside, "old")
@@ -122,9 +118,7 @@ def _curve(own: Sequence[BoardRow], rows: Sequence[BoardRow]) -> Markup | None:
         return None
     first = own[0]
     name = f"curve-{first.planner_id}-{first.submission.contract[:8]}"
-    return curves.curve(
-        known, _floor(rows), name, f"{_primary_name(best)} of {first.submission.title} by level"
-    )
+    return curves.curve(known, _floor(rows), name, f"{_primary_name(best)} of {first.submission.title} by level")
 
 
 def _floor(rows: Sequence[BoardRow]) -> tuple[str, Figure] | None:
@@ -149,9 +143,7 @@ def _cities(own: Sequence[BoardRow]) -> list[tuple[str, Markup]]:
         best = {city: latest(rows) for city, rows in sorted(by_city.items())}
         points = [(city, row.primary) for city, row in best.items() if row.primary is not None]
         if len(points) > 1:
-            title = (
-                f"{_primary_name(list(best.values()))} of {own[0].submission.title} by city, {split} split"
-            )
+            title = f"{_primary_name(list(best.values()))} of {own[0].submission.title} by city, {split} split"
             drawn.append((split, curves.cities(points, f"cities-{split}", title)))
     return drawn
 
@@ -182,16 +174,13 @@ def _labels(rows: Sequence[BoardRow]) -> list[str]:
     """Names for submissions of one planner, each another one."""
     plain = [f"{row.data_set[0]}, {row.submission.split}, {row.submission.level}" for row in rows]
     return [
-        name if plain.count(name) == 1 else f"{name} ({row.sha256[:8]})"
-        for name, row in zip(plain, rows, strict=True)
+        name if plain.count(name) == 1 else f"{name} ({row.sha256[:8]})" for name, row in zip(plain, rows, strict=True)
     ]
 
 
 def _types(row: BoardRow) -> list[tuple[str, list[Figure | None]]]:
     """Each type that has figures, with them: paired, signed, contrast."""
-    found = [
-        (kind, [row.figure(name, kind) for name in PARTS]) for kind in choose_types(DataSet().catalog, ())
-    ]
+    found = [(kind, [row.figure(name, kind) for name in PARTS]) for kind in choose_types(DataSet().catalog, ())]
     return [(name, figures) for name, figures in found if any(f is not None for f in figures)]
 
 

@@ -304,9 +304,7 @@ def fault_of_level(level: PerceptionLevel | None) -> str:
 def episode_of(row: Row, events: Iterable[Row]) -> SubmittedEpisode:
     """What a submission tells of an episode that stands so in a run's tables."""
     told = sorted((dict(event) for event in events), key=lambda event: event["number"])
-    compared = [
-        {key: value for key, value in one.items() if key not in _UNCOMPARED} for one in (dict(row), *told)
-    ]
+    compared = [{key: value for key, value in one.items() if key not in _UNCOMPARED} for one in (dict(row), *told)]
     # NaN and infinities are no JSON; as text they compare like all else.
     text = json.dumps(compared, sort_keys=True, ensure_ascii=False)
     clauses = sorted({event["clause"] for event in told if event["target"]})

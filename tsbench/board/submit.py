@@ -5,13 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from tsbench.board.claim import episodes_of, events_of
-from tsbench.board.submission import (
-    Submission,
-    fault_of_level,
-    fault_of_planner,
-    fault_of_words,
-    figures_of,
-)
+from tsbench.board.submission import Submission, fault_of_level, fault_of_planner, fault_of_words, figures_of
 from tsbench.core.errors import InputError
 from tsbench.episode.perception_level import EXACTLY, PerceptionLevel
 from tsbench.episode.trace import trace_path
@@ -28,9 +22,16 @@ _SHOWN = 3
 
 
 def make_submission(
-    folder: Path, planner: str | None, *, title: str, authors: str, url: str, note: str, third_party: bool,
+    folder: Path,
+    planner: str | None,
+    *,
+    title: str,
+    authors: str,
+    url: str,
+    note: str,
+    third_party: bool,
     shared_process: bool = False,
-) -> Submission:  # fmt: skip
+) -> Submission:
     """The submission of a planner's run. planner: its name in the records, None where the run has one only.
     shared_process: take a run whose planner shared the referee's process, which the row then says.
 
@@ -92,9 +93,7 @@ def _check(run: StoredRun, info: PlannerInfo) -> None:
     if fault := fault_of_planner(info):
         raise InputError(f"{run.path}: {fault}: rename it and drive it again")
     if status != "complete" or run.holes(info.name):
-        raise InputError(
-            f"{run.path}: {run.holes(info.name)} episodes are missing: the same command continues it"
-        )
+        raise InputError(f"{run.path}: {run.holes(info.name)} episodes are missing: the same command continues it")
     for key, wanted in _WHOLE.items():
         if effective.get(key) != wanted:
             raise InputError(f"{run.path}: {key} is {effective.get(key)}: a submission is of a whole split")

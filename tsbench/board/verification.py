@@ -135,9 +135,7 @@ def _fault_of_counts(found: Verification) -> str:
     if not driven or len(driven) != len(found.driven):
         return "no episode was driven, or one twice"
     told = f"of {len(driven)} driven episodes {found.equal} are equal"
-    if not {*found.explained} | wrong <= driven or found.equal + len(found.explained) + len(wrong) != len(
-        driven
-    ):
+    if not {*found.explained} | wrong <= driven or found.equal + len(found.explained) + len(wrong) != len(driven):
         return f"{told}, {len(found.explained)} explained and {len(wrong)} wrong: the counts do not fit"
     if found.explained and not found.arithmetic_differences:
         return f"{len(found.explained)} episodes have other bytes, and nothing explains them"
@@ -145,9 +143,16 @@ def _fault_of_counts(found: Verification) -> str:
 
 
 def verify(
-    claim: Claim, planner: str | None, *, sample: int, seed: int, verifier: str, workers: int | None,
-    on_progress: Callable[[int, int], None], shared_process: bool = False,
-) -> Verification:  # fmt: skip
+    claim: Claim,
+    planner: str | None,
+    *,
+    sample: int,
+    seed: int,
+    verifier: str,
+    workers: int | None,
+    on_progress: Callable[[int, int], None],
+    shared_process: bool = False,
+) -> Verification:
     """Drive `sample` episodes of a claim again and compare.
 
     planner: what to drive, as for `tsbench run`; None: as the claim names it. on_progress: gets how many are done, and
@@ -181,9 +186,7 @@ def verify(
     specs = draw(claim.contract, claim.episodes, table, sample, seed)
     info, records = _drive(driven, claim, specs, not shared_process, workers, on_progress)
     if info.name != claim.planner.name:
-        found.append(
-            Mismatch("", f"the planner is called {claim.planner.name} as submitted, {info.name} here")
-        )
+        found.append(Mismatch("", f"the planner is called {claim.planner.name} as submitted, {info.name} here"))
     found += _of_planner(info, claim.planner)
     here = arithmetic.facts()
     # By what drove here: what the claim calls its planner is the claim's word.
@@ -231,9 +234,7 @@ def _figures(claim: Claim, table: Sequence[ScenarioSpec], figures: Sequence[Figu
         then = told.pop((figure.figure, figure.over), None)
         if then is None or _rounded(then) != _rounded(figure):
             said = "missing" if then is None else _rounded(then)
-            yield Mismatch(
-                "", f"{figure.figure} of {figure.over} is {said}, by its episodes {_rounded(figure)}"
-            )
+            yield Mismatch("", f"{figure.figure} of {figure.over} is {said}, by its episodes {_rounded(figure)}")
     for figure_name, over in told:
         yield Mismatch("", f"{figure_name} of {over}: no such figure follows from its episodes")
 
@@ -244,11 +245,7 @@ def _rounded(figure: Any) -> tuple[Any, ...]:
 
 
 def draw(
-    contract: str,
-    episodes: Sequence[SubmittedEpisode],
-    table: Sequence[ScenarioSpec],
-    sample: int,
-    seed: int,
+    contract: str, episodes: Sequence[SubmittedEpisode], table: Sequence[ScenarioSpec], sample: int, seed: int
 ) -> list[ScenarioSpec]:
     """Episodes of a claim, drawn without replacement, in the order of their ids."""
     there = {episode.scenario_id for episode in episodes}

@@ -80,9 +80,7 @@ def entities(shapes: Iterable[Shape], now: Timestamp | None = None) -> list[Scen
             polygons = [area.polygon for area in (first, *rest) if isinstance(area, Area)]
             surfaces[name].append(_surface(first, polygons, z))
         else:
-            lines[name].append(
-                _lines(first, [line.points for line in (first, *rest) if isinstance(line, Line)], z)
-            )
+            lines[name].append(_lines(first, [line.points for line in (first, *rest) if isinstance(line, Line)], z))
     ground = [
         SceneEntity(frame_id=FRAME, id=name, timestamp=now, triangles=surfaces[name], lines=lines[name])
         for name in dict.fromkeys((*surfaces, *lines))
@@ -115,9 +113,7 @@ def _points(points: Array, z: float) -> list[Point3]:
 
 
 def _surface(look: Area, polygons: Sequence[shapely.Geometry], z: float) -> TriangleListPrimitive:
-    triangles = shapely.get_parts(
-        shapely.constrained_delaunay_triangles(shapely.simplify(polygons, _SIMPLER_M))
-    )
+    triangles = shapely.get_parts(shapely.constrained_delaunay_triangles(shapely.simplify(polygons, _SIMPLER_M)))
     corners = shapely.get_coordinates(triangles).reshape(-1, 4, 2)[:, :3].reshape(-1, 2)
     return TriangleListPrimitive(
         pose=_pose(0.0, 0.0, 0.0, 0.0), points=_points(corners, z), color=_colour(look.colour, look.opacity)
@@ -131,14 +127,10 @@ def _lines(look: Line, lines: Sequence[Array], z: float) -> LinePrimitive:
     return LinePrimitive(type=kind, pose=pose, thickness=look.width, color=colour, points=points)
 
 
-def _cube(
-    x: float, y: float, heading: float, z: float, size: tuple[float, float, float], colour: str
-) -> CubePrimitive:
+def _cube(x: float, y: float, heading: float, z: float, size: tuple[float, float, float], colour: str) -> CubePrimitive:
     """size: length, width, height; z: of its middle."""
     length, width, height = size
-    return CubePrimitive(
-        pose=_pose(x, y, heading, z), size=Vector3(x=length, y=width, z=height), color=_colour(colour)
-    )
+    return CubePrimitive(pose=_pose(x, y, heading, z), size=Vector3(x=length, y=width, z=height), color=_colour(colour))
 
 
 def _body(body: Body, now: Timestamp | None) -> SceneEntity:
@@ -155,9 +147,7 @@ def _plate(plate: DrawnPlate, now: Timestamp | None) -> SceneEntity:
     text = TextPrimitive(pose=pose, billboard=True, font_size=_LETTER_M, color=_colour(colour), text=words)
     known = [KeyValuePair(key="role", value=plate.role), KeyValuePair(key="code", value=plate.code)]
     cube = _cube(plate.x, plate.y, plate.heading, _PLATE_Z, _PLATE_M, colour)
-    return SceneEntity(
-        frame_id=FRAME, id=plate.name, timestamp=now, cubes=[cube], texts=[text], metadata=known
-    )
+    return SceneEntity(frame_id=FRAME, id=plate.name, timestamp=now, cubes=[cube], texts=[text], metadata=known)
 
 
 _TICK_NS = round(DT_S * 1e9)
@@ -188,10 +178,7 @@ def write_recording(trace: Trace, scene: Scene, path: Path) -> None:
         io_errors_as_input_errors(path),
         replacing(path) as part,
         open_mcap(
-            part,
-            allow_overwrite=True,
-            context=context,
-            writer_options=MCAPWriteOptions(compression_threads=0),
+            part, allow_overwrite=True, context=context, writer_options=MCAPWriteOptions(compression_threads=0)
         ) as writer,
     ):
         writer.write_metadata("tsbench", _facts(trace, scene))
@@ -259,6 +246,4 @@ def _ego(ego: EgoState, scene: Scene) -> dict[str, Any]:
 
 
 def _message(event: Violation) -> Log:
-    return Log(
-        timestamp=_time(event.start_s), level=LogLevel.Error, name=event.clause, message=event.sentence
-    )
+    return Log(timestamp=_time(event.start_s), level=LogLevel.Error, name=event.clause, message=event.sentence)

@@ -163,10 +163,7 @@ class MetaDriveEyes:
         begins = [max((piece.s0 for piece in path.pieces if piece.s0 <= s), default=0.0), *ends]
         return [
             number
-            for begin, end in (
-                (begins[0], ends[0]),
-                (ends[0], ends[1]) if len(ends) > 1 else (begins[0], ends[0]),
-            )
+            for begin, end in ((begins[0], ends[0]), (ends[0], ends[1]) if len(ends) > 1 else (begins[0], ends[0]))
             for number in self._checkpoint(o, begin, min(end, path.line.length))
         ]
 
@@ -208,10 +205,7 @@ def _others(o: Observation) -> list[float]:
             break
         ux, uy = speed * math.cos(heading) - ego.speed * c, speed * math.sin(heading) - ego.speed * s
         for along, across, most in ((dx, dy, REACH_M), (3.6 * ux, 3.6 * uy, _TOP_KMH)):
-            found += [
-                ((c * along + s * across) / most + 1.0) / 2.0,
-                ((c * across - s * along) / most + 1.0) / 2.0,
-            ]
+            found += [((c * along + s * across) / most + 1.0) / 2.0, ((c * across - s * along) / most + 1.0) / 2.0]
     return found + [0.0] * (4 * _OTHERS - len(found))
 
 

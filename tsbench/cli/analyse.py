@@ -51,9 +51,7 @@ for _name, _line in KINDS.items():
 
 @analyse.command(short_help="Put tables and figures of analyses into Markdown pages that ask for them.")
 @click.argument("pages", nargs=-1, required=True, metavar="PAGE…", type=options.PATH)
-@click.option(
-    "--from", "folder", type=options.PATH, metavar="DIR", default=Path("analyses"), show_default=True
-)
+@click.option("--from", "folder", type=options.PATH, metavar="DIR", default=Path("analyses"), show_default=True)
 def pages(pages: tuple[Path, ...], folder: Path) -> None:
     """Put tables and figures of analyses into Markdown pages, where comments ask for them.
 

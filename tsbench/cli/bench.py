@@ -19,23 +19,15 @@ from tsbench.core.files import write_json
 @click.option("--limit", type=POSITIVE, metavar="N", default=12, show_default=True, help="How many scenes.")
 @click.option("--rounds", type=POSITIVE, default=5, show_default=True, help="Medians over so many rounds.")
 @click.option("--json", "json_path", type=FILE, metavar="FILE", help="Write the figures here.")
-@click.option(
-    "--networks", is_flag=True, help="What learned planners' networks take for an answer, and nothing else."
-)
+@click.option("--networks", is_flag=True, help="What learned planners' networks take for an answer, and nothing else.")
 @click.option("--env", "env", is_flag=True, help="Steps of the Gymnasium environment, and nothing else.")
-@click.option(
-    "--isolation", is_flag=True, help="What a planner's own process costs a tick, and nothing else."
-)
+@click.option("--isolation", is_flag=True, help="What a planner's own process costs a tick, and nothing else.")
 @click.option("--fresh", is_flag=True, help="What it costs that an episode begins afresh, and nothing else.")
 @options.planners("With --isolation: planner to measure (default: idm and idm-e)")
-def bench(
-    limit: int, rounds: int, json_path: Path | None, isolation: bool, planners: Words, **only: bool
-) -> None:
+def bench(limit: int, rounds: int, json_path: Path | None, isolation: bool, planners: Words, **only: bool) -> None:
     """Measure bare SUMO, ego and snapshot, and the whole tick, on the same scenes in one run."""
     if planners and not isolation:
-        raise InputError(
-            "--planner: only what an own process costs is measured planner by planner: add --isolation"
-        )
+        raise InputError("--planner: only what an own process costs is measured planner by planner: add --isolation")
     if isolation:
         _isolation(planners, limit, rounds, json_path)
         return
@@ -118,16 +110,11 @@ def _environment(rounds: int, json_path: Path | None) -> None:
 
     goals = {"vector": 1500, "scene": 800}
     figures = {kind: (*rates_of(kind, rounds * BLOCK), vectorised(kind, rounds * BLOCK)) for kind in goals}
-    rows = [
-        (kind, *(f"{rate:,.0f}" for rate in rates), f"{goals[kind]:,}") for kind, rates in figures.items()
-    ]
+    rows = [(kind, *(f"{rate:,.0f}" for rate in rates), f"{goals[kind]:,}") for kind, rates in figures.items()]
     heads = ("observation", "steps/s per core", "with episode starts", "two in AsyncVectorEnv", "goal")
     print_table(heads, rows, title="environment")
     if json_path is not None:
         write_json(
             json_path,
-            {
-                kind: {"steps_per_s": a, "with_starts": b, "vectorised": c}
-                for kind, (a, b, c) in figures.items()
-            },
+            {kind: {"steps_per_s": a, "with_starts": b, "vectorised": c} for kind, (a, b, c) in figures.items()},
         )

@@ -84,9 +84,7 @@ def read_campaign(path: Path) -> tuple[tuple[CampaignRun, ...], tuple[CampaignAn
     return runs, tuple(made)
 
 
-def _runs(
-    told: Mapping[str, Any], defaults: Mapping[str, Any], path: Path, number: int
-) -> Iterator[CampaignRun]:
+def _runs(told: Mapping[str, Any], defaults: Mapping[str, Any], path: Path, number: int) -> Iterator[CampaignRun]:
     """The run of an entry, or one for each of its levels of perception."""
     name = _name(told.get("name"), f"{path}: runs {number}")
     values = {key: value for key, value in {**defaults, **told}.items() if key != "name"}
@@ -103,9 +101,7 @@ def _analysis(told: _Analysis, runs: Sequence[CampaignRun], where: str) -> Campa
     if told.analysis not in KINDS:
         raise InputError(f"{where}: analysis: {told.analysis!r}: expected one of {', '.join(KINDS)}")
     chosen = _named(told.runs, runs, f"{where}: runs")
-    return CampaignAnalysis(
-        told.analysis, _name(told.analysis if told.name is None else told.name, where), chosen
-    )
+    return CampaignAnalysis(told.analysis, _name(told.analysis if told.name is None else told.name, where), chosen)
 
 
 def _named(names: Sequence[Any], runs: Sequence[CampaignRun], where: str) -> tuple[CampaignRun, ...]:
@@ -146,9 +142,7 @@ def _for_all(option: click.Parameter) -> click.Parameter:
 @click.command(params=[_for_all(option) for option in run_command.params if option.name in _FOR_ALL])
 @click.argument("file", metavar="FILE", type=options.FILE)
 @options.out("Folder of the runs, each in a folder of its name. Default: runs/FILE.", type=options.FOLDER)
-@click.option(
-    "--only", multiple=True, metavar="NAME", help="Only this run; give it several times for several runs."
-)
+@click.option("--only", multiple=True, metavar="NAME", help="Only this run; give it several times for several runs.")
 @click.option("--no-drive", is_flag=True, help="Only the table and the analyses of runs that are there.")
 def campaign(file: Path, out: Path | None, only: tuple[str, ...], no_drive: bool, **others: Any) -> None:
     """Drive the runs that FILE lists; the same command again goes on where it was stopped. Print a table over all.
@@ -188,8 +182,7 @@ def _driven(
             code = EXIT_INPUT
             continue
         click.echo(
-            f"{one.name}: {ended.finished} of {ended.asked} episodes finished, "
-            f"{ended.errors} with an error outcome"
+            f"{one.name}: {ended.finished} of {ended.asked} episodes finished, {ended.errors} with an error outcome"
         )
         if ended.status == "interrupted":
             sys.exit(EXIT_INTERRUPTED)

@@ -43,15 +43,7 @@ def list_() -> None:
         built = [f"{split} {len(DataSet.in_use().table(split)):,}" for split in DataSet.in_use().splits]
         dates = ", ".join(sorted({extract.date for extract in found.extracts}))
         rows.append(
-            (
-                name,
-                found.title,
-                found.country,
-                found.side,
-                str(found.frame),
-                dates,
-                ", ".join(built) or "nothing",
-            )
+            (name, found.title, found.country, found.side, str(found.frame), dates, ", ".join(built) or "nothing")
         )
     print_table(("city", "what", "country", "side", "frame", "extracts of", "rows built"), rows, left=7)
     click.echo(f"--city {MIRRORED}NAME: the data set of NAME in a mirror, with traffic on the other side")
@@ -60,12 +52,8 @@ def list_() -> None:
 @city.command()
 @options.city_name
 @options.png("Draw a map with every crop as a dot.")
-@click.option(
-    "--streets", is_flag=True, help="Also what kind of streets it has, from its extracts, by OSMnx."
-)
-@click.option(
-    "--rose", type=options.FILE, metavar="FILE", help="Draw a compass rose of each extract's streets."
-)
+@click.option("--streets", is_flag=True, help="Also what kind of streets it has, from its extracts, by OSMnx.")
+@click.option("--rose", type=options.FILE, metavar="FILE", help="Draw a compass rose of each extract's streets.")
 @options.osm
 def show(png: Path | None, streets: bool, rose: Path | None, osm_dir: Path | None) -> None:
     """The extracts of a city, its maps, and which types it carries: on how many maps, and why not on more."""
@@ -162,14 +150,10 @@ def new(
     file, code = new_city_file(name), country_code(country, "--country")
     if osm is not None and not osm.is_dir() and ending_of(osm.name):
         if bbox or place or server or ground:
-            raise InputError(
-                f"--osm {osm}: a file has its roads: leave out --bbox, --place, --server and --ground"
-            )
+            raise InputError(f"--osm {osm}: a file has its roads: leave out --bbox, --place, --server and --ground")
         path = osm
     elif (bbox is None) == (place is None) or address:
-        raise InputError(
-            "name the roads: --bbox W,S,E,N or --place NAME of what is to be fetched, or --osm FILE"
-        )
+        raise InputError("name the roads: --bbox W,S,E,N or --place NAME of what is to be fetched, or --osm FILE")
     else:
         area: overpass.Box | overpass.Outline
         if place is not None:
@@ -236,6 +220,4 @@ def _show_types(city: City, pool: list[PoolRow], types: tuple[str, ...] = ()) ->
     recipes = load_recipes(DataSet.in_use().catalog, types)
     found = carried(city, pool, recipes, build_report() if report_file().is_file() else [])
     rows = [(c.type_id, c.split, f"{c.there:,}", f"{c.maps} of {c.wanted}", c.why) for c in found]
-    print_table(
-        ("type", "split", "maps there", "built", "why not more"), rows, title=f"{len(pool):,} maps", left=2
-    )
+    print_table(("type", "split", "maps there", "built", "why not more"), rows, title=f"{len(pool):,} maps", left=2)

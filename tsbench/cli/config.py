@@ -46,9 +46,7 @@ def defaults_of(command: click.Command, words: Sequence[str], path: Path = TOML)
             f"{', '.join(sorted(command.commands))}"
         )
     asked = command.commands[called]
-    found = given_options(
-        asked, {k: v for k, v in for_all.items() if k in _known(asked)}, f"{path}: [{name}]"
-    )
+    found = given_options(asked, {k: v for k, v in for_all.items() if k in _known(asked)}, f"{path}: [{name}]")
     return {called: {**found, **given_options(asked, own, f"{path}: [{name}.{called}]")}}
 
 

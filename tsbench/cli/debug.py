@@ -25,21 +25,14 @@ from tsbench.scenarios.data_set import DataSet
 @click.command()
 @click.argument("run", type=options.PATH, required=False, callback=options.of_their_city)
 @click.argument("episode", required=False)
-@click.option(
-    "--planner",
-    type=options.TEXT,
-    metavar=options.PLANNER,
-    help="Without a run: who drives.",
-)
+@click.option("--planner", type=options.TEXT, metavar=options.PLANNER, help="Without a run: who drives.")
 @click.option("--scenario", metavar="ID", help="Without a run: what is driven.")
 @options.split()
 @click.option("--mask-signs", is_flag=True, help="Remove sign identity from what the planner sees.")
 @options.perception("How well it perceives plates.")
 @click.option("--at", type=float, metavar="S", help="Stop at this time.  [default: the end]")
 @options.png("Draw the moment at which it stops.")
-@click.option(
-    "--pdb", "debugger", is_flag=True, help="Python's debugger: at --at, and where the planner raises."
-)
+@click.option("--pdb", "debugger", is_flag=True, help="Python's debugger: at --at, and where the planner raises.")
 def debug(
     run: Path | None, episode: str | None, planner: str | None, scenario: str | None, split: str | None,
     mask_signs: bool, perception: str, at: float | None, png: Path | None, debugger: bool,

@@ -62,9 +62,7 @@ def installed(names: Iterable[str]) -> dict[str, str]:
 def alone(code: str) -> tuple[int, str]:
     """Run code in a process of its own: (exit code, the last line that it said)."""
     try:
-        done = subprocess.run(
-            [sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=TIMEOUT_S
-        )
+        done = subprocess.run([sys.executable, "-P", "-c", code], capture_output=True, text=True, timeout=TIMEOUT_S)
     except subprocess.TimeoutExpired:
         return 1, f"no end after {TIMEOUT_S} s"
     said = (done.stderr if done.returncode else done.stdout).strip().splitlines()
@@ -94,9 +92,7 @@ def check_python() -> Iterator[Diagnosis]:
 def check_machine() -> Iterator[Diagnosis]:
     """Cores that this process may use, free memory for a worker on each, free disk here."""
     cores = len(os.sched_getaffinity(0))
-    yield Diagnosis(
-        Status.OK, "machine", f"{cores} cores: tsbench run starts {cores} workers unless told --workers"
-    )
+    yield Diagnosis(Status.OK, "machine", f"{cores} cores: tsbench run starts {cores} workers unless told --workers")
     memory = _free_memory() / _GIB
     text = f"{memory:.1f} GiB of memory free"
     if memory < WORKER_GIB * cores:
@@ -119,16 +115,12 @@ def check_tools() -> Iterator[Diagnosis]:
         import imageio_ffmpeg
 
         program = imageio_ffmpeg.get_ffmpeg_exe()
-        done = subprocess.run(
-            [program, "-version"], capture_output=True, text=True, timeout=TIMEOUT_S, check=True
-        )
+        done = subprocess.run([program, "-version"], capture_output=True, text=True, timeout=TIMEOUT_S, check=True)
         yield Diagnosis(Status.OK, "ffmpeg", " ".join(done.stdout.split()[:3]))
     except (ImportError, RuntimeError, OSError, subprocess.SubprocessError) as problem:
         remedy = "needed for --format mp4 only: pip install 'tsbench[video]'"
         yield Diagnosis(Status.NOTE, "ffmpeg", f"none that runs: {problem}", remedy)
-    browser = next(
-        (p for name in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(name))), None
-    )
+    browser = next((p for name in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(name))), None)
     if browser is None:
         remedy = "needed for the tests of pages only; reports open in any browser"
         yield Diagnosis(Status.NOTE, "browser", "no Chromium", remedy)
@@ -150,10 +142,7 @@ def check_gpu() -> Iterator[Diagnosis]:
         yield Diagnosis(Status.OK, "torch", f"{number}, GPU: {gpu}")
     else:
         yield Diagnosis(
-            Status.NOTE,
-            "torch",
-            f"{number}, no GPU",
-            "learned planners run on the CPU; training takes longer",
+            Status.NOTE, "torch", f"{number}, no GPU", "learned planners run on the CPU; training takes longer"
         )
 
 
@@ -183,9 +172,7 @@ def locked(text: str) -> list[str]:
     return [line.rstrip(" \\") for line in text.splitlines() if line[:1].isalnum()]
 
 
-def judge_packages(
-    asked: Iterable[str], pins: Sequence[str], there: Mapping[str, str]
-) -> Iterator[Diagnosis]:
+def judge_packages(asked: Iterable[str], pins: Sequence[str], there: Mapping[str, str]) -> Iterator[Diagnosis]:
     """asked: requirement lines with markers; pins: of a clone's lock file. there: version by package name."""
     from packaging.requirements import Requirement
 
@@ -307,9 +294,7 @@ def check_edition() -> Iterator[Diagnosis]:
         contract = edition.standing_contract(edition.contract_now(data, split))
         name = edition.edition_here(contract, data)
         text = f"{name}, contract of the {split} split {contract}"
-        known = next(
-            (one for one in edition.editions() if name in (one.name, one.name + edition.LOCAL)), None
-        )
+        known = next((one for one in edition.editions() if name in (one.name, one.name + edition.LOCAL)), None)
         if known and split == "test" and known.kept(split) != contract:
             text += f"; results (scoring {known.scoring}) have {known.kept(split)}"
         if name.endswith(edition.LOCAL):
@@ -390,6 +375,4 @@ def examine() -> Iterator[Diagnosis]:
         except InputError as problem:
             yield Diagnosis(Status.FAILED, name, str(problem))
         except ImportError as problem:
-            yield Diagnosis(
-                Status.FAILED, name, f"cannot be checked: {problem}", "install the missing package"
-            )
+            yield Diagnosis(Status.FAILED, name, f"cannot be checked: {problem}", "install the missing package")

@@ -12,14 +12,10 @@ _COLOURS = {"ok": "green", "note": "yellow", "failed": "red"}
 
 @click.command()
 @click.option(
-    "--arithmetic",
-    is_flag=True,
-    help="Whether each planner gives the reference bytes here, and nothing else.",
+    "--arithmetic", is_flag=True, help="Whether each planner gives the reference bytes here, and nothing else."
 )
 @click.option(
-    "--write",
-    is_flag=True,
-    help="With --arithmetic: make what comes out here the reference, for review by `git diff`.",
+    "--write", is_flag=True, help="With --arithmetic: make what comes out here the reference, for review by `git diff`."
 )
 def doctor(arithmetic: bool, write: bool) -> None:
     """Check this installation, its data and this machine; exit code 1 if something keeps tsbench from working.

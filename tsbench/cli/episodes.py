@@ -15,14 +15,7 @@ from tsbench.cli.console import bars
 from tsbench.cli.options import Words
 from tsbench.core.errors import InputError
 from tsbench.report.episode_files import FORMATS as EXPORTS
-from tsbench.report.episode_files import (
-    FileKind,
-    Selection,
-    episode_name,
-    export_kind,
-    make_one,
-    make_selected,
-)
+from tsbench.report.episode_files import FileKind, Selection, episode_name, export_kind, make_one, make_selected
 from tsbench.report.scene_pictures import FORMATS as PICTURES
 from tsbench.report.scene_pictures import picture_kind
 from tsbench.signs.countries import Country
@@ -40,14 +33,10 @@ def _selecting(command: Callable[..., None]) -> Callable[..., None]:
     return options.several(
         click.argument("run", type=options.PATH, callback=options.of_their_city),
         click.argument("episode", metavar="[EPISODE]", required=False),
-        click.option(
-            "--failures", is_flag=True, help="All episodes without SCD: not compliant, or not arrived."
-        ),
+        click.option("--failures", is_flag=True, help="All episodes without SCD: not compliant, or not arrived."),
         options.types,
         options.planners("All of this planner"),
-        click.option(
-            "--outcome", "outcomes", multiple=True, metavar="OUTCOME", help="All that ended like this."
-        ),
+        click.option("--outcome", "outcomes", multiple=True, metavar="OUTCOME", help="All that ended like this."),
         options.workers,
     )(called)
 
@@ -56,14 +45,18 @@ def _selecting(command: Callable[..., None]) -> Callable[..., None]:
 @_selecting
 @click.option("--format", "kind", type=click.Choice(PICTURES), help="Default: png, or --out's suffix.")
 @options.out("File, or folder for a selection; default: below RUN/pictures/.")
-@click.option(
-    "--time", type=float, metavar="S", help="Moment of a PNG; default: the violation, else half-way."
-)
+@click.option("--time", type=float, metavar="S", help="Moment of a PNG; default: the violation, else half-way.")
 @options.caption_country
 def render(
-    run: Path, episode: str | None, kind: str | None, out: Path | None, time: float | None,
-    selection: Selection, workers: int, country: Country | None,
-) -> None:  # fmt: skip
+    run: Path,
+    episode: str | None,
+    kind: str | None,
+    out: Path | None,
+    time: float | None,
+    selection: Selection,
+    workers: int,
+    country: Country | None,
+) -> None:
     """Draw EPISODE (scenario_id or planner/scenario_id) of the run folder RUN from its trace, or a whole selection.
 
     A selection is drawn in parallel; what is already drawn is kept, so the same command continues after a break.
@@ -78,9 +71,7 @@ def render(
 @_selecting
 @click.option("--format", "kind", type=click.Choice(EXPORTS), required=True, help="CommonRoad XML or MCAP.")
 @options.out("File, or folder for a selection; default: below RUN/exports/.")
-def export(
-    run: Path, episode: str | None, kind: str, out: Path | None, selection: Selection, workers: int
-) -> None:
+def export(run: Path, episode: str | None, kind: str, out: Path | None, selection: Selection, workers: int) -> None:
     """Write EPISODE (scenario_id or planner/scenario_id) of the run folder RUN, or a selection, in another format.
 
     A selection is written in parallel; what is already there is kept.
@@ -88,17 +79,13 @@ def export(
     _make(run, episode, selection, export_kind(kind), out, workers)
 
 
-def _make(
-    run: Path, episode: str | None, selection: Selection, kind: FileKind, out: Path | None, workers: int
-) -> None:
+def _make(run: Path, episode: str | None, selection: Selection, kind: FileKind, out: Path | None, workers: int) -> None:
     """Make the file of one episode or those of a selection, and print what came of it.
 
     Shows a bar; exit code 1 where some could not be made. Raises InputError where neither or both are given.
     """
     if (episode is None) != bool(selection):
-        raise InputError(
-            f"{run}: name one EPISODE, or select some with --failures, --types, --planner or --outcome"
-        )
+        raise InputError(f"{run}: name one EPISODE, or select some with --failures, --types, --planner or --outcome")
     if episode is not None:
         click.echo(str(make_one(run, episode, kind, out)))
         return

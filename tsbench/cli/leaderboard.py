@@ -34,9 +34,7 @@ _SEED, _DRAWN = click.IntRange(0, 2**63 - 1), "Of the draw: your own choice, mad
 @click.option("--url", default="", metavar="URL", help="Where code and weights are.")
 @click.option("--note", default="", metavar="TEXT", help="What a reader of the row has to know.")
 @click.option("--third-party", is_flag=True, help="The planner is of other people than tsbench's.")
-@click.option(
-    "--shared-process", is_flag=True, help="Take a run without --isolate; the row is then marked so."
-)
+@click.option("--shared-process", is_flag=True, help="Take a run without --isolate; the row is then marked so.")
 @options.count(
     "--copy-traces",
     "traces",
@@ -74,9 +72,7 @@ def submit(folder: Path, planner: str | None, traces: int, out: Path | None, **t
     help="What to drive, as for tsbench run.  [default: as the claim says]",
 )
 @options.image
-@click.option(
-    "--of", "name", metavar="NAME", help="Of a run: this planner's episodes only.  [default: of each]"
-)
+@click.option("--of", "name", metavar="NAME", help="Of a run: this planner's episodes only.  [default: of each]")
 @options.count("--sample", default=100, help="Episodes to drive, of each planner.")
 @click.option("--seed", type=_SEED, required=True, metavar="N", help=_DRAWN)
 @click.option(
@@ -137,9 +133,7 @@ def _say(found: Verification) -> None:
     for difference in found.differences:
         click.echo(" ".join(filter(None, (difference.scenario_id, difference.what))))
     if not found.isolated:
-        click.echo(
-            "driven beside the referee: what a planner changes of it in its own favour is not found so"
-        )
+        click.echo("driven beside the referee: what a planner changes of it in its own favour is not found so")
     click.echo(found.verdict)
 
 

@@ -63,18 +63,12 @@ def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
     print_notes(result.notes)
     _print_counts(count_tables(result.rows)[:2])
     print_table(("refused, by reason", "sum"), ((why, f"{n:,}") for why, n in result.refused.items()))
-    click.echo(
-        f"{result.rings} rings in all extracts; {len(result.rows):,} maps in {target}, counts in {report}"
-    )
+    click.echo(f"{result.rings} rings in all extracts; {len(result.rows):,} maps in {target}, counts in {report}")
 
 
 @maps.command()
 @click.option(
-    "--pool",
-    "pool_path",
-    type=options.FILE,
-    metavar="FILE",
-    help="Pool index.  [default: sumo_nets/pool.parquet]",
+    "--pool", "pool_path", type=options.FILE, metavar="FILE", help="Pool index.  [default: sumo_nets/pool.parquet]"
 )
 @options.made_city
 @options.png("Draw a map with every crop as a dot.")
@@ -96,9 +90,7 @@ def stats(pool_path: Path | None, png: Path | None) -> None:
 def fetch(name: str, bbox: str, date: str | None, server: str | None, out: Path | None) -> None:
     """Fetch the roads of a box from OpenStreetMap as the extract NAME."""
     path = (out or paths.sources_dir()) / f"{name}.osm.gz"
-    digest = overpass.fetch_extract(
-        path, overpass.address(overpass.parse_box(bbox), date, server or overpass.SERVER)
-    )
+    digest = overpass.fetch_extract(path, overpass.address(overpass.parse_box(bbox), date, server or overpass.SERVER))
     click.echo(f"{path}: SHA-256 {digest}")
 
 

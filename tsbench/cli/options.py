@@ -56,9 +56,7 @@ POSITIVE = click.IntRange(min=1)
 PLANNER = "NAME|pkg.module:Class|file.py:Class"
 
 
-def _completed(
-    names: Callable[[], Iterable[str]],
-) -> Callable[[click.Context, click.Parameter, str], list[str]]:
+def _completed(names: Callable[[], Iterable[str]]) -> Callable[[click.Context, click.Parameter, str], list[str]]:
     """Completion by the shell: of a word, or of the last one of words between commas."""
 
     def complete(_context: click.Context, _parameter: click.Parameter, typed: str) -> list[str]:
@@ -103,11 +101,7 @@ def of_their_city(_context: click.Context, _parameter: click.Parameter, runs: An
     """Use the data set that the run folders given, if any, are of. Raises InputError where they are of several."""
     from tsbench.run.log.manifest import city_of, read_manifest
 
-    found = [
-        read_manifest(folder)
-        for folder in (runs if isinstance(runs, tuple) else (runs,))
-        if folder is not None
-    ]
+    found = [read_manifest(folder) for folder in (runs if isinstance(runs, tuple) else (runs,)) if folder is not None]
     cities = {city_of(manifest) for manifest in found if manifest is not None}
     if len(cities) > 1:
         raise InputError(f"the runs are of several cities: {', '.join(sorted(cities))}; take those of one")
@@ -118,9 +112,7 @@ def of_their_city(_context: click.Context, _parameter: click.Parameter, runs: An
 
 def words(name: str, help: str) -> Option:
     shown = _completed(lambda: types_and_groups(DataSet.in_use().catalog))
-    return click.option(
-        name, multiple=True, metavar="TYPE,GROUP,…", callback=_words, help=help, shell_complete=shown
-    )
+    return click.option(name, multiple=True, metavar="TYPE,GROUP,…", callback=_words, help=help, shell_complete=shown)
 
 
 def country(help: str) -> Option:
@@ -140,9 +132,7 @@ def split(default: str | None = None, *, required: bool = False, made: bool = Fa
     # A default of None would be a value to click, and nothing that is missing.
     given: dict[str, Any] = {} if required else {"default": default}
     given["show_default"] = not required and (default or "all that are there")
-    table = click.option(
-        "--split", type=click.Choice(SPLITS), required=required, help="Scenario table.", **given
-    )
+    table = click.option("--split", type=click.Choice(SPLITS), required=required, help="Scenario table.", **given)
     return several(table, made_city if made else city)
 
 
@@ -157,9 +147,7 @@ def png(help: str) -> Option:
     return click.option("--png", type=FILE, metavar="FILE", help=help)
 
 
-def count(
-    *names: str, default: int, help: str, least: int = 1, most: int | None = None, metavar: str = "N"
-) -> Option:
+def count(*names: str, default: int, help: str, least: int = 1, most: int | None = None, metavar: str = "N") -> Option:
     kind = click.IntRange(least, most)
     return click.option(*names, type=kind, default=default, show_default=True, metavar=metavar, help=help)
 
@@ -170,9 +158,7 @@ def choice(name: str, values: Sequence[str], default: str, help: str | None = No
 
 def perception(help: str) -> Option:
     levels = "exact|good|production|poor|FILE"
-    return click.option(
-        "--perception", type=TEXT, default=EXACT, show_default=True, metavar=levels, help=help
-    )
+    return click.option("--perception", type=TEXT, default=EXACT, show_default=True, metavar=levels, help=help)
 
 
 def limit(help: str) -> Option:
@@ -180,10 +166,7 @@ def limit(help: str) -> Option:
 
 
 def _of_city(callback: Callable[..., None]) -> Option:
-    help, names = (
-        f"Whose data set (tsbench city list); default: {CITY}, or {OWN_CITY}.",
-        _completed(city_names),
-    )
+    help, names = (f"Whose data set (tsbench city list); default: {CITY}, or {OWN_CITY}.", _completed(city_names))
     given: dict[str, Any] = {"expose_value": False, "is_eager": True, "shell_complete": names, "help": help}
     return click.option("--city", metavar="NAME", callback=callback, **given)
 
@@ -191,9 +174,7 @@ def _of_city(callback: Callable[..., None]) -> Option:
 city = _of_city(_city)
 # For commands that make data, which are of the city as it is stored.
 made_city = _of_city(_made_city)
-city_name = click.argument(
-    "name", callback=_made_city, expose_value=False, shell_complete=_completed(city_names)
-)
+city_name = click.argument("name", callback=_made_city, expose_value=False, shell_complete=_completed(city_names))
 
 
 # What Overpass is asked for.
@@ -202,12 +183,13 @@ def _bbox(required: bool) -> Option:
 
 
 _date = click.option(
-    "--date", type=click.DateTime(["%Y-%m-%d"]), callback=lambda _c, _p, day: day and f"{day:%Y-%m-%d}",
-    metavar="YYYY-MM-DD", help="The roads as they were on a day.  [default: as they are]",
-)  # fmt: skip
-_server = click.option(
-    "--server", metavar="URL", help="Who answers for Overpass.  [default: overpass-api.de]"
+    "--date",
+    type=click.DateTime(["%Y-%m-%d"]),
+    callback=lambda _c, _p, day: day and f"{day:%Y-%m-%d}",
+    metavar="YYYY-MM-DD",
+    help="The roads as they were on a day.  [default: as they are]",
 )
+_server = click.option("--server", metavar="URL", help="Who answers for Overpass.  [default: overpass-api.de]")
 more = words("--more", "Types and groups that are drawn three times as often.")
 osm = click.option("--osm", "osm_dir", type=PATH, help="Folder of extracts.  [default: sumo_nets/sources]")
 caption_country = country("Sign with this country's plates and codes, such as de; rules stay as they are.")
@@ -243,11 +225,7 @@ def of(owner: type[Any]) -> Option:
     """The options among the fields of a dataclass, in their order; parameters have the fields' names."""
     defaults = {f.name: f.default for f in fields(owner)}
     return several(
-        *(
-            _made(name, known, defaults[name])
-            for name, known in options_in(owner).items()
-            if known.kind != "city"
-        )
+        *(_made(name, known, defaults[name]) for name, known in options_in(owner).items() if known.kind != "city")
     )
 
 
@@ -260,11 +238,7 @@ def one_of(owner: type[Any], name: str) -> Option:
 def _made(name: str, known: Known, default: Any) -> Option:
     """An option as click has it."""
     flag = f"--{name.replace('_', '-')}"
-    given: dict[str, Any] = {
-        "metavar": known.metavar,
-        "default": default,
-        "show_default": default is not None,
-    }
+    given: dict[str, Any] = {"metavar": known.metavar, "default": default, "show_default": default is not None}
     match known.kind:
         case "planners":
             return planners(known.help, required=True)
@@ -284,9 +258,7 @@ def _made(name: str, known: Known, default: Any) -> Option:
         case "folder":
             return out(known.help, type=FOLDER)
         case "listeners":
-            return click.option(
-                "--listener", name, type=TEXT, multiple=True, metavar=PLANNER, help=known.help
-            )
+            return click.option("--listener", name, type=TEXT, multiple=True, metavar=PLANNER, help=known.help)
         case _:
             return click.option(flag, type=TEXT, help=known.help, **given)
 

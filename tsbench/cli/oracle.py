@@ -112,9 +112,7 @@ def verify(split: str, trajectories: Path | None, limit: int | None) -> None:
 @_split
 @options.trajectories
 @options.limit("So many drives, the table's first; default: all.")
-@click.option(
-    "--rank", type=click.IntRange(0), default=1, show_default=True, help="Drives up to this rank; 0: all."
-)
+@click.option("--rank", type=click.IntRange(0), default=1, show_default=True, help="Drives up to this rank; 0: all.")
 @options.out("File to write.", "oracle-ticks.parquet", type=options.FILE)
 def export(split: str, trajectories: Path | None, limit: int | None, rank: int, out: Path) -> None:
     """Drive chosen drives again and write their ticks: state, plates, lanes, action, reward terms."""

@@ -30,9 +30,7 @@ def planners() -> None:
 
 
 @planners.command("list")
-@click.option(
-    "--parts", is_flag=True, help="Print instead how the parameters of plant2 and plant2-ft are made up."
-)
+@click.option("--parts", is_flag=True, help="Print instead how the parameters of plant2 and plant2-ft are made up.")
 def list_planners(parts: bool) -> None:
     """Print the registered planners."""
     if parts:
@@ -66,9 +64,7 @@ def _print_parts() -> None:
 @planners.command("check")
 @click.argument("planner", type=options.TEXT)
 @options.count("--limit", default=10, least=2, most=100, help="Scenes to drive.")
-@click.option(
-    "--submission", is_flag=True, help="Drive it isolated, and say what `tsbench submit` would refuse."
-)
+@click.option("--submission", is_flag=True, help="Drive it isolated, and say what `tsbench submit` would refuse.")
 @options.image
 def check(planner: str, limit: int, submission: bool, image: str | None) -> int:
     """Drive PLANNER through a few dev scenes and say what is wrong with it; exit code 1 if anything is."""
@@ -97,9 +93,7 @@ def _check_submission(planner: str, limit: int, image: str | None) -> int:
 
     console = Console()
     with console.status("") as status:
-        found = check_submission(
-            str(PlannerSpec.parse(planner).in_image(image)), limit, "test", status.update
-        )
+        found = check_submission(str(PlannerSpec.parse(planner).in_image(image)), limit, "test", status.update)
     return _tell(planner, found, console)
 
 
@@ -113,9 +107,7 @@ def _tell(planner: str, found: list[Finding], console: Console) -> int:
     for finding in unreached:
         console.print(f"{finding.topic}: {finding.text}", markup=False, highlight=False, soft_wrap=True)
     problems = sum(f.level is Level.PROBLEM for f in found)
-    told = [f"{problems} problem(s)"] * bool(problems) + [f"{len(unreached)} scenes not reached"] * bool(
-        unreached
-    )
+    told = [f"{problems} problem(s)"] * bool(problems) + [f"{len(unreached)} scenes not reached"] * bool(unreached)
     console.print(f"{planner}: {', '.join(told) or 'no problems'}", markup=False)
     return 1 if problems else 0
 
@@ -123,14 +115,10 @@ def _tell(planner: str, found: list[Finding], console: Console) -> int:
 @planners.command("from-sb3")
 @click.argument("model", metavar="MODEL.zip", type=options.FILE)
 @click.option(
-    "--action",
-    type=click.Choice(("aim", "steer", "cruise", "exit")),
-    help="As in training.  [default: aim, exit]",
+    "--action", type=click.Choice(("aim", "steer", "cruise", "exit")), help="As in training.  [default: aim, exit]"
 )
 @options.count("--hold", default=1, help="Ticks per step, as in training.")
-@click.option(
-    "--draws", is_flag=True, help="Draw actions from the policy's density, as in training; else its mean."
-)
+@click.option("--draws", is_flag=True, help="Draw actions from the policy's density, as in training; else its mean.")
 @click.option("--name", default="Policy", show_default=True, metavar="CLASS", help="Name of the planner.")
 @options.out("Folder to write the planner to.  [default: MODEL]", type=options.FOLDER)
 def from_sb3(model: Path, action: str | None, hold: int, draws: bool, name: str, out: Path | None) -> None:
@@ -139,9 +127,7 @@ def from_sb3(model: Path, action: str | None, hold: int, draws: bool, name: str,
     It takes MLP policies of PPO, A2C, SAC, TD3 and DDPG. Nothing is unpickled.
     """
     folder = out or model.with_suffix("")
-    made = load("tsbench.bridges.sb3.convert").convert(
-        model, folder, action=action, hold=hold, draws=draws, name=name
-    )
+    made = load("tsbench.bridges.sb3.convert").convert(model, folder, action=action, hold=hold, draws=draws, name=name)
     facts = made.training
     click.echo(
         f"{folder}: {facts['from']}, {made.parameters:,} parameters, sees {facts['observation']}, acts by "

@@ -45,9 +45,7 @@ def failures(run: Path, by: str, as_json: bool, allow_partial: bool) -> None:
 @options.runs
 @options.out("Default: report.html in the run, or here for several.", type=options.FILE)
 @options.allow_partial
-@click.option(
-    "--max-mb", type=click.FloatRange(min=0.1), default=20.0, show_default=True, metavar="MB", help=_LARGEST
-)
+@click.option("--max-mb", type=click.FloatRange(min=0.1), default=20.0, show_default=True, metavar="MB", help=_LARGEST)
 @options.workers
 def report(runs: tuple[Path, ...], out: Path | None, **asked: Any) -> None:
     """Write one self-contained HTML page about RUNs: all figures, all episodes, and a player for those with a trace.
@@ -62,16 +60,12 @@ def report(runs: tuple[Path, ...], out: Path | None, **asked: Any) -> None:
         click.echo(f"note: {note}", err=True)
     each = f", {written.player_bytes / written.players / 1000:.1f} kB each" if written.players else ""
     click.echo(f"report    {written.path} ({written.size / MEGABYTE:.1f} MB)")
-    click.echo(
-        f"players   {written.players} of {written.traced} traced episodes, {written.episodes} in all{each}"
-    )
+    click.echo(f"players   {written.players} of {written.traced} traced episodes, {written.episodes} in all{each}")
 
 
 @click.command()
 @click.argument("runs", metavar="[RUN…]", nargs=-1, type=options.PATH, callback=options.of_their_city)
-@click.option(
-    "--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="0: any that is free."
-)
+@click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="0: any that is free.")
 def view(runs: tuple[Path, ...], port: int) -> None:
     """Serve the reports of RUNs (default: all below runs/) to a browser on this machine, until Ctrl-C.
 
@@ -97,13 +91,16 @@ def view(runs: tuple[Path, ...], port: int) -> None:
 @options.allow_partial
 @options.png("Draw the differences.")
 @click.option("--csv", type=options.FILE, metavar="FILE", help="Write all flips.")
-@options.count(
-    "--flips", least=0, default=20, help="Flipped scenarios to list, of the lost and of the won each."
-)
+@options.count("--flips", least=0, default=20, help="Flipped scenarios to list, of the lost and of the won each.")
 def compare(
-    run_a: str, runs_b: tuple[str, ...], force: bool, allow_partial: bool, png: Path | None, csv: Path | None,
+    run_a: str,
+    runs_b: tuple[str, ...],
+    force: bool,
+    allow_partial: bool,
+    png: Path | None,
+    csv: Path | None,
     flips: int,
-) -> None:  # fmt: skip
+) -> None:
     """Compare planners scenario by scenario, each RUN_B with RUN_A: what changed by type and group, and what flipped.
 
     A run with several planners is given as RUN:PLANNER. A planner's name alone, such as plant2-ft, stands for the

@@ -78,9 +78,7 @@ def rescore(folder: Path) -> None:
         f"{folder}: {result.traces} traces judged again, {result.untraced} episodes without a trace, "
         f"disagreements: {len(result.disagreements)}"
     )
-    write_rescored(
-        folder, DataSet.in_use(), result.contract, result.traces, result.untraced, len(result.disagreements)
-    )
+    write_rescored(folder, DataSet.in_use(), result.contract, result.traces, result.untraced, len(result.disagreements))
     if result.disagreements:
         sys.exit(EXIT_FAILED)
 
@@ -88,9 +86,7 @@ def rescore(folder: Path) -> None:
 def _write_tables(folder: Path, summary: Summary) -> None:
     # They bring statistics, late as the summary itself.
     lines, entry = citation(read_run(folder), summary.planners)
-    cited = "\n".join(
-        ["**To cite**", "", *(f"* {line}" for line in lines), "", "```bibtex", entry, "```", ""]
-    )
+    cited = "\n".join(["**To cite**", "", *(f"* {line}" for line in lines), "", "```bibtex", entry, "```", ""])
     path, text = folder / TABLES_TEXT, "\n".join([*map(to_markdown, run_tables(summary)), cited])
     # Looking at a complete run changes nothing in its folder.
     if not path.is_file() or path.read_text(encoding="utf-8") != text:
@@ -109,9 +105,7 @@ def _tell(ended: RunResult, console: Console) -> None:
         lines += failed
     lines += [f"{ended.finished} of {ended.asked} episodes finished, {ended.errors} with an error outcome"]
     if ended.finished < ended.asked:
-        lines.append(
-            "run the same command again to continue (--allow-partial prints the table of what is there)"
-        )
+        lines.append("run the same command again to continue (--allow-partial prints the table of what is there)")
     lines.append(f"records   {ended.folder / 'episodes.parquet'}")
     if ended.summary is not None:
         lines.append(f"tables    {ended.folder / 'summary.md'}")

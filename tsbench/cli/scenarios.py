@@ -93,9 +93,7 @@ def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None,
 @scenarios.command()
 @options.types
 @options.split(made=True)
-@click.option(
-    "--each", type=options.POSITIVE, metavar="N", help="N pairs of each type, drawn at random; default: all."
-)
+@click.option("--each", type=options.POSITIVE, metavar="N", help="N pairs of each type, drawn at random; default: all.")
 @options.workers
 def certify(types: tuple[str, ...], split: str | None, each: int | None, workers: int) -> None:
     """Drive rows once more in other processes and renew their certificates. Resumable; exit code 1 if any fails."""
@@ -105,9 +103,7 @@ def certify(types: tuple[str, ...], split: str | None, each: int | None, workers
         rows = draw_sample(rows, each)
     check_files(rows, data)
     with bars() as show:
-        failures = recertify(
-            rows, data.folder / "scenarios", workers, lambda n: show("certify", n, len(rows))
-        )
+        failures = recertify(rows, data.folder / "scenarios", workers, lambda n: show("certify", n, len(rows)))
     _end(len(rows), failures, "without a valid certificate")
 
 
@@ -147,9 +143,7 @@ def open_(scenario_id: str, out: Path | None, launch: bool) -> None:
     """Write a scene's files into a folder, and print the sumo-gui command that opens them."""
     scene = load_scene(DataSet.in_use(), _find(scenario_id))
     folder = out or Path("runs/scenes") / scenario_id
-    files = {
-        folder / file.path.name.removesuffix(".gz"): file.content for file in (scene.net, scene.additional)
-    }
+    files = {folder / file.path.name.removesuffix(".gz"): file.content for file in (scene.net, scene.additional)}
     try:
         for path, content in files.items():
             write_atomic(path, content)

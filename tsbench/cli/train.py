@@ -31,11 +31,7 @@ from tsbench.scenarios.store import check_files
 
 _NOT_NEGATIVE = click.IntRange(min=0)
 _cache_gb = click.option(
-    "--cache-gb",
-    default=8.0,
-    show_default=True,
-    type=click.FloatRange(min=0.1),
-    help="Bound of frames on disk.",
+    "--cache-gb", default=8.0, show_default=True, type=click.FloatRange(min=0.1), help="Bound of frames on disk."
 )
 
 
@@ -62,16 +58,22 @@ def _reinforcement(steps: int, out: str) -> Option:
     return several(
         _count("--steps", steps, "Decisions (0.3 s each) in all, those of earlier sessions included."),
         click.option(
-            "--workers", type=POSITIVE, default=lambda: 4 * own_cores(), show_default="four per core", metavar="N",
+            "--workers",
+            type=POSITIVE,
+            default=lambda: 4 * own_cores(),
+            show_default="four per core",
+            metavar="N",
             help="Processes that drive, one simulation each.",
         ),
         click.option(
-            "--imitation", type=_NOT_NEGATIVE, metavar="N",
+            "--imitation",
+            type=_NOT_NEGATIVE,
+            metavar="N",
             help="Rollouts of imitation before that, those of earlier sessions included. Default: the planner's.",
         ),
         _rate(None, "Learning rate that this session begins with; it falls to a tenth. Default: the planner's."),
         several(options.more, options.seed, options.types, options.device, _out(out)),
-    )  # fmt: skip
+    )
 
 
 @train.command(short_help="PPO on 275 numbers: ego, navigation, neighbours, lidar.")
@@ -122,31 +124,31 @@ def plant2(
     from tsbench.learn.imitation.trainer import train as learn
 
     recipe = ImitationRecipe(drivers=planners, types=types, **figures)
-    _tell(
-        out,
-        learn(imitation(recipe, _train_rows(types)), _resources(out, device, workers, cache_gb), click.echo),
-    )
+    _tell(out, learn(imitation(recipe, _train_rows(types)), _resources(out, device, workers, cache_gb), click.echo))
 
 
 def _lessons(drives: int, out: str) -> Option:
     """The options that say which drives are learned from, and with what."""
     return several(
         several(
-            options.trajectories, options.planners("Expert that drives anew instead, in turn"),
-            _count("--drives", drives, "To learn from, types in turn; 0: all.", least=0), options.more,
+            options.trajectories,
+            options.planners("Expert that drives anew instead, in turn"),
+            _count("--drives", drives, "To learn from, types in turn; 0: all.", least=0),
+            options.more,
         ),
         click.option(
-            "--student", type=options.FOLDER, metavar="DIR",
+            "--student",
+            type=options.FOLDER,
+            metavar="DIR",
             help="Folder of plant2-ft's weights that begin a share of the drives; --demonstrator ends them.",
         ),
-        click.option(
-            "--takeover", default=0.3, show_default=True, type=click.FloatRange(0.0, 1.0), help="That share."
-        ),
+        click.option("--takeover", default=0.3, show_default=True, type=click.FloatRange(0.0, 1.0), help="That share."),
         click.option(
             "--demonstrator", "expert", type=options.TEXT, default="idm-e", show_default=True, metavar="PLANNER"
         ),
         click.option(
-            "--mask-signs", is_flag=True,
+            "--mask-signs",
+            is_flag=True,
             help="Show posts in place of plates, in training and validation: the floor plant2-blind, whose weights are "
             "meant then wherever plant2-ft's are.",
         ),
@@ -155,7 +157,7 @@ def _lessons(drives: int, out: str) -> Option:
             "--perceived", default=0.3, show_default=True, type=click.FloatRange(0.0, 1.0), help="That share."
         ),
         several(options.types, options.seed, options.workers, _cache_gb, _out(out)),
-    )  # fmt: skip
+    )
 
 
 @train.command("plant2-ft", short_help="Fine-tuning of plant2 on obedient drives.")
@@ -190,9 +192,7 @@ def frames(workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
     from tsbench.learn.finetune.drives_report import report
 
     recipe, rows = _recipe(**asked)
-    for path in report(
-        finetune_drives(rows, recipe), recipe, _resources(out, "cpu", workers, cache_gb), click.echo
-    ):
+    for path in report(finetune_drives(rows, recipe), recipe, _resources(out, "cpu", workers, cache_gb), click.echo):
         click.echo(path)
 
 
@@ -201,12 +201,7 @@ def _recipe(
 ) -> tuple[FineTuning, list[ScenarioSpec]]:
     path, often = trajectories or trajectories_path(), options.types_of(DataSet.in_use(), more)
     recipe = FineTuning(
-        trajectories=path,
-        drivers=planners,
-        types=types,
-        more=often,
-        perception=load_level(perception),
-        **figures,
+        trajectories=path, drivers=planners, types=types, more=often, perception=load_level(perception), **figures
     )
     return recipe, _train_rows(types)
 
@@ -244,24 +239,26 @@ _SHARES = {
 )
 @several(options.types, options.seed, options.workers)
 def measure(
-    folder: Path | None, planner: str, each: int, stop_policy: tuple[float, ...] | None, types: tuple[str, ...],
-    seed: int, workers: int,
-) -> None:  # fmt: skip
+    folder: Path | None,
+    planner: str,
+    each: int,
+    stop_policy: tuple[float, ...] | None,
+    types: tuple[str, ...],
+    seed: int,
+    workers: int,
+) -> None:
     """How the weights in FOLDER (default: tsbench's own) drive on kept-out maps of the train split, by type."""
     network(planner, folder)
     if stop_policy and planner == "plant2":
         raise InputError(f"--stop-policy: {planner} has none")
     rows = _train_rows(types)
     kinds = sorted({row.pair_type for row in rows})
-    rows = [
-        row for kind in kinds for row in validation_rows([r for r in rows if r.pair_type == kind], each, seed)
-    ]
+    rows = [row for kind in kinds for row in validation_rows([r for r in rows if r.pair_type == kind], each, seed)]
     ends = drive(planner, folder, rows, workers, StopPolicy(*stop_policy) if stop_policy else None)
     heads = ("type", "n", *_SHARES.values())
     table = Table(*heads, box=SIMPLE_HEAD, title="shares of episodes, %", title_justify="left")
     skills = {
-        kind: skill_of([end for row, end in zip(rows, ends, strict=True) if row.pair_type == kind])
-        for kind in kinds
+        kind: skill_of([end for row, end in zip(rows, ends, strict=True) if row.pair_type == kind]) for kind in kinds
     }
     skills["all"] = whole = skill_of(ends)
     for name, skill in skills.items():

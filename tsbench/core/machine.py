@@ -93,8 +93,7 @@ def processor_s(pid: int) -> float:
 # One simulation is one thread; maths libraries that start one thread per core only get in each other's way, and how
 # many there are decides how their sums are rounded.
 ONE_THREAD = dict.fromkeys(
-    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "ARROW_IO_THREADS"),
-    "1",
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS", "ARROW_IO_THREADS"), "1"
 )
 
 

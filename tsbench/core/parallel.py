@@ -73,10 +73,7 @@ class Workers:
         return finish
 
     def ordered(
-        self,
-        work: Callable[..., Any],
-        jobs: Iterable[tuple[Any, ...]],
-        keep: Callable[..., CachedResult] | None = None,
+        self, work: Callable[..., Any], jobs: Iterable[tuple[Any, ...]], keep: Callable[..., CachedResult] | None = None
     ) -> Iterator[Any]:
         """Results of work(*job) in the order of `jobs`. keep(*job): where each stays."""
         running: deque[Callable[[], Any]] = deque()

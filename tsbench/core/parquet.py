@@ -40,8 +40,7 @@ def fields_of(row: type, nullable: bool = False, **other: pa.DataType) -> list[p
     """
     kinds = [(field.name, *str(field.type).partition(" | ")) for field in fields(row)]
     return [
-        pa.field(name, other.get(name, _TYPES[kind]), nullable=nullable or bool(none))
-        for name, kind, _, none in kinds
+        pa.field(name, other.get(name, _TYPES[kind]), nullable=nullable or bool(none)) for name, kind, _, none in kinds
     ]
 
 
@@ -56,9 +55,7 @@ def save_rows(rows: Iterable[Any], path: Path, schema: pa.Schema) -> None:
     save_table(pa.Table.from_pylist(plain, schema=schema), path)
 
 
-def read_rows(
-    row: type[Row], path: Path, schema: pa.Schema, hint: str, later: Sequence[str] = ()
-) -> list[Row]:
+def read_rows(row: type[Row], path: Path, schema: pa.Schema, hint: str, later: Sequence[str] = ()) -> list[Row]:
     """The dataclasses that `save_rows` wrote. Raises InputError as `open_table`.
 
     later: fields that older files lack, or hold nulls in; the default counts then.
@@ -116,9 +113,7 @@ def open_table(
     raise InputError(f"{path}: column {missing[0]!r} is missing")
 
 
-def check_size(
-    file: pq.ParquetFile, path: Path, most_rows: int | None = None, most_bytes: int | None = None
-) -> None:
+def check_size(file: pq.ParquetFile, path: Path, most_rows: int | None = None, most_bytes: int | None = None) -> None:
     """Raises InputError, before anything is unpacked, for a file that says it holds more than any of ours.
 
     Its own kind may have closer bounds than all tables.

@@ -41,9 +41,7 @@ def data_root() -> Path:
     """The folder that data is made in: TSBENCH_DATA, or the clone. Raises InputError where there is neither."""
     root = _own_root()
     if root is None:
-        raise InputError(
-            "making data needs a folder that holds it all: set TSBENCH_DATA to a clone of the repository"
-        )
+        raise InputError("making data needs a folder that holds it all: set TSBENCH_DATA to a clone of the repository")
     if not (root / "sign_catalog").is_dir():
         raise InputError(f"{root}: no sign_catalog/ here (TSBENCH_DATA)")
     return root
@@ -84,9 +82,7 @@ def is_city_name(name: str) -> bool:
 def checked_city(name: str) -> str:
     """The name. Raises InputError for one that is no city's."""
     if not is_city_name(name):
-        raise InputError(
-            f"{CITY} (--city) {name!r}: a city's name is of a-z, 0-9 and '-' (tsbench city list)"
-        )
+        raise InputError(f"{CITY} (--city) {name!r}: a city's name is of a-z, 0-9 and '-' (tsbench city list)")
     return name
 
 

@@ -275,11 +275,7 @@ def _imported(node: ast.AST) -> Iterator[tuple[str, int]]:
 
 def _is_bare_text(node: ast.AST) -> bool:
     """A docstring, or another string that stands for itself."""
-    return (
-        isinstance(node, ast.Expr)
-        and isinstance(node.value, ast.Constant)
-        and isinstance(node.value.value, str)
-    )
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
 def _names_type_checking(test: ast.AST) -> bool:

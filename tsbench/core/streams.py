@@ -15,14 +15,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 STDOUT = "standard output"
-_PLAIN = {
-    **dict.fromkeys("–—−‐─━╌╸╺", "-"),
-    **dict.fromkeys("│┃", "|"),
-    "×": "x",
-    "…": "~",
-    "•": "*",
-    "→": ">",
-}
+_PLAIN = {**dict.fromkeys("–—−‐─━╌╸╺", "-"), **dict.fromkeys("│┃", "|"), "×": "x", "…": "~", "•": "*", "→": ">"}
 
 
 class _Output(io.FileIO):

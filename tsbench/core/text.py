@@ -21,15 +21,9 @@ _LONGEST_NAME = 200
 # ends of lines.
 _UNSEEN = ("Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp")
 # Letters, marks and symbols that show nothing.
-_BLANK = re.compile(
-    "[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u2800\u3164\ufe00-\ufe0f\uffa0\U000e0100-\U000e01ef]"
-)
+_BLANK = re.compile("[\u034f\u115f\u1160\u17b4\u17b5\u180b-\u180f\u2800\u3164\ufe00-\ufe0f\uffa0\U000e0100-\U000e01ef]")
 # Scripts that stand in one word, by the first word of a letter's name in Unicode: UTS 39, "highly restrictive".
-_TOGETHER = (
-    {"LATIN", "CJK", "HIRAGANA", "KATAKANA"},
-    {"LATIN", "CJK", "BOPOMOFO"},
-    {"LATIN", "CJK", "HANGUL"},
-)
+_TOGETHER = ({"LATIN", "CJK", "HIRAGANA", "KATAKANA"}, {"LATIN", "CJK", "BOPOMOFO"}, {"LATIN", "CJK", "HANGUL"})
 # Cells that a spreadsheet takes for a formula.
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
@@ -79,9 +73,7 @@ def fault_in_name(name: str) -> str:
         if len(plain) == 1 and plain != unicodedata.normalize("NFC", character) and kind[0] == "L":
             return f"{name!a}: has a letter in the form of another ({ascii(character)[1:-1]})"
     for word in re.findall(r"[^\W\d_]+", name):
-        named = {
-            unicodedata.name(letter, "?").split()[0].split("-")[0] for letter in word if letter.isalpha()
-        }
+        named = {unicodedata.name(letter, "?").split()[0].split("-")[0] for letter in word if letter.isalpha()}
         scripts = {"CJK" if script == "IDEOGRAPHIC" else script for script in named}
         if len(scripts) > 1 and not any(scripts <= allowed for allowed in _TOGETHER):
             return f"{name!a}: {word!a} mixes scripts ({', '.join(sorted(scripts)).lower()})"

@@ -6,18 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
-from typing import (
-    Annotated,
-    Any,
-    Literal,
-    Required,
-    TypeVar,
-    Union,
-    get_args,
-    get_origin,
-    get_type_hints,
-    is_typeddict,
-)
+from typing import Annotated, Any, Literal, Required, TypeVar, Union, get_args, get_origin, get_type_hints, is_typeddict
 
 import msgspec
 from msgspec import Meta
@@ -117,9 +106,7 @@ def _odd(given: Any) -> Iterator[str]:
     if isinstance(given, list):
         counts = Counter(text for text in given if isinstance(text, str))
         yield from (f"{text!r:.80} stands twice" for text, count in counts.items() if count > 1)
-    for key, inner in (
-        given.items() if isinstance(given, dict) else enumerate(given) if isinstance(given, list) else ()
-    ):
+    for key, inner in given.items() if isinstance(given, dict) else enumerate(given) if isinstance(given, list) else ():
         yield from (f"{key}: {fault}" for fault in _odd(inner))
 
 

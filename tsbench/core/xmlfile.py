@@ -36,9 +36,7 @@ def read_plain(path: Path, what: str) -> bytes:
 def parse(data: bytes, path: Path, tag: str, what: str) -> etree._Element:
     """The root element of a file's content. Raises InputError (file, line) where it is no XML or not a `<tag>`."""
     try:
-        root = etree.fromstring(
-            data, etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True)
-        )
+        root = etree.fromstring(data, etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=True))
     except etree.XMLSyntaxError as error:
         raise InputError(f"{path}: line {error.lineno}: not a well-formed {what} ({error.msg})") from None
     if root.tag != tag:

@@ -91,9 +91,7 @@ class _Writer:
             names = _attributes(thing)
             self._all(((f".{name}", getattr(thing, name)) for name in names), len(names), where)
         else:
-            raise TypeError(
-                f"{where}: a {type(thing).__qualname__} can be written into, or is not known here"
-            )
+            raise TypeError(f"{where}: a {type(thing).__qualname__} can be written into, or is not known here")
 
     def _all(self, parts: Iterator[tuple[str, object]], count: int, where: str) -> None:
         self.out.append(b"%d(" % count)

@@ -248,9 +248,7 @@ class Episode:
     def judged(self) -> Judged:
         """What the monitors say so far, or said in the end."""
         m = self.monitors
-        others, needless = (
-            tuple(c for one in group for c in one.clauses()) for group in (m.others, m.needless)
-        )
+        others, needless = (tuple(c for one in group for c in one.clauses()) for group in (m.others, m.needless))
         return Judged(m.target.clauses(), others, needless, m.wrong_way.clauses(), m.target.engaged)
 
     def _locate(self, last: int) -> EgoState:

@@ -30,19 +30,11 @@ class Observer:
     """
 
     def __init__(
-        self,
-        scene: Scene,
-        view: PlannerMap,
-        perception: Perception = EXACTLY,
-        luck: str = "",
-        privileged: bool = False,
+        self, scene: Scene, view: PlannerMap, perception: Perception = EXACTLY, luck: str = "", privileged: bool = False
     ) -> None:
         self._view, self._privileged = view, privileged
         turning = main_roads(scene.network, scene.signs)
-        seen = [
-            _plate(view, scene, sign, turning[sign.id].told if sign.id in turning else ())
-            for sign in scene.signs
-        ]
+        seen = [_plate(view, scene, sign, turning[sign.id].told if sign.id in turning else ()) for sign in scene.signs]
         self._mask = perception.masked
         self._signs = [sign.masked() if self._mask else sign.from_behind() for sign in seen]
         # By place in `_signs`: those that have not faced the ego yet.

@@ -229,9 +229,7 @@ def _turned(ego: EgoState, plate: SignView) -> float:
 
 def _high_boxes(snapshot: WorldSnapshot) -> list[Box]:
     actors = snapshot.actors
-    high = (actors.kind == ActorKind.BUS) | (
-        (actors.kind == ActorKind.CAR) & (actors.length > _LONGEST_CAR_M)
-    )
+    high = (actors.kind == ActorKind.BUS) | ((actors.kind == ActorKind.CAR) & (actors.length > _LONGEST_CAR_M))
     return [actors.boxes[k] for k in np.flatnonzero(high).tolist()]
 
 

@@ -106,19 +106,24 @@ class Trace:
     def facts(self, view: PlannerMap, scene: Scene) -> EpisodeFacts:
         """What the metrics are computed from, as it was at the end of the run."""
         return EpisodeFacts(
-            scene=scene, snapshots=self.snapshots, route=self.routes(view, scene)[-1],
-            start_remaining_m=self.start_remaining_m, outcome=self.outcome, contact=self.contact,
-            target=self.target, others=self.others, needless=self.needless, wrong_way=self.wrong_way,
-        )  # fmt: skip
+            scene=scene,
+            snapshots=self.snapshots,
+            route=self.routes(view, scene)[-1],
+            start_remaining_m=self.start_remaining_m,
+            outcome=self.outcome,
+            contact=self.contact,
+            target=self.target,
+            others=self.others,
+            needless=self.needless,
+            wrong_way=self.wrong_way,
+        )
 
 
 def trace_of(result: EpisodeResult) -> Trace:
     """The trace of an episode that was just run. Raises ValueError for an episode without a tick."""
     facts = result.facts
     if facts is None or not facts.snapshots:
-        raise ValueError(
-            f"{result.spec.scenario_id}: an episode without a tick has no trace ({result.error})"
-        )
+        raise ValueError(f"{result.spec.scenario_id}: an episode without a tick has no trace ({result.error})")
     plans = plan_of_each_tick(result.plans, len(facts.snapshots))
     return Trace(
         spec=result.spec,
@@ -250,9 +255,7 @@ def _malformed(path: Path) -> Iterator[None]:
     try:
         yield
     except (KeyError, TypeError, ValueError, IndexError, RecursionError, pa.ArrowException) as error:
-        raise InputError(
-            f"{path}: malformed trace ({type(error).__name__}: {one_line(str(error))})"
-        ) from None
+        raise InputError(f"{path}: malformed trace ({type(error).__name__}: {one_line(str(error))})") from None
 
 
 def _trace(meta: Mapping[str, Any], table: Any) -> Trace:

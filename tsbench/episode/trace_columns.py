@@ -69,9 +69,7 @@ def table_of(snapshots: list[WorldSnapshot], commands: Array, plans: tuple[Plan 
         arrays[name] = pa.concat_arrays([_numbers(kept[:, k], pa.float64()), missing])
     told = plan_of_each_tick(plans, len(snapshots))
     offsets = np.concatenate(([0], np.cumsum([0 if plan is None else len(plan) for plan in told])))
-    points = np.concatenate(
-        [np.empty((0, 2), np.float32), *(plan[:, :2] for plan in told if plan is not None)]
-    )
+    points = np.concatenate([np.empty((0, 2), np.float32), *(plan[:, :2] for plan in told if plan is not None)])
     there = np.array([plan is not None for plan in told])
     for k, name in enumerate(PLAN):
         arrays[name] = _lists(name, offsets, _numbers(points[:, k], pa.float32()), there)
@@ -86,23 +84,17 @@ def _numbers(values: npt.ArrayLike, kind: pa.DataType) -> pa.Array:
     return pa.Array.from_buffers(kind, len(plain), [None, pa.py_buffer(packed)])
 
 
-def _lists(
-    name: str, offsets: Array, values: pa.Array, there: npt.NDArray[np.bool_] | None = None
-) -> pa.Array:
+def _lists(name: str, offsets: Array, values: pa.Array, there: npt.NDArray[np.bool_] | None = None) -> pa.Array:
     """A column of lists. offsets: where each begins, and the last one's end. there: which are not null, None: all."""
     known = None if there is None else pa.py_buffer(np.packbits(there, bitorder="little"))
     starts = pa.py_buffer(np.ascontiguousarray(offsets, dtype=np.int32))
-    return pa.Array.from_buffers(
-        SCHEMA.field(name).type, len(offsets) - 1, [known, starts], children=[values]
-    )
+    return pa.Array.from_buffers(SCHEMA.field(name).type, len(offsets) - 1, [known, starts], children=[values])
 
 
 def plans_of(table: pa.Table) -> tuple[Plan | None, ...]:
     """Where the planner meant to drive at each tick, (k, 2) m; None where it told nothing."""
     xs, ys = (table[name].to_pylist() for name in PLAN)
-    return tuple(
-        None if x is None else np.array((x, y), dtype=np.float32).T for x, y in zip(xs, ys, strict=True)
-    )
+    return tuple(None if x is None else np.array((x, y), dtype=np.float32).T for x, y in zip(xs, ys, strict=True))
 
 
 def snapshots_of(table: pa.Table, actors: ActorTable) -> list[WorldSnapshot]:

@@ -26,9 +26,8 @@ def front(x: float, y: float, heading: float, length: float) -> tuple[float, flo
 
 
 def boxes_overlap(
-    ax: float, ay: float, ah: float, al: float, aw: float,
-    bx: float, by: float, bh: float, bl: float, bw: float,
-) -> bool:  # fmt: skip
+    ax: float, ay: float, ah: float, al: float, aw: float, bx: float, by: float, bh: float, bl: float, bw: float
+) -> bool:
     """Do two rectangles (centre, heading, length, width) overlap? Separating-axis test, closed sets."""
     dx, dy = bx - ax, by - ay
     reach = math.hypot(al, aw) + math.hypot(bl, bw)
@@ -56,9 +55,7 @@ def share_in_band(x: float, y: float, heading: float, length: float, width: floa
     return abs(twice) / 2 / (length * width)
 
 
-def _cut(
-    points: list[tuple[float, float]], axis: int, sign: float, limit: float
-) -> list[tuple[float, float]]:
+def _cut(points: list[tuple[float, float]], axis: int, sign: float, limit: float) -> list[tuple[float, float]]:
     """What is left of a polygon where sign * coordinate <= limit."""
     left: list[tuple[float, float]] = []
     for a, b in zip(points, points[1:] + points[:1], strict=True):

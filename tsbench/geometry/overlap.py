@@ -37,9 +37,7 @@ class ConflictZone:
 
 def strip(line: Polyline, width: float) -> shapely.Polygon:
     """The area swept by a line of the given width, with flat ends."""
-    return shapely.LineString(line.points).buffer(
-        width / 2, cap_style="flat", join_style="mitre", mitre_limit=2.0
-    )
+    return shapely.LineString(line.points).buffer(width / 2, cap_style="flat", join_style="mitre", mitre_limit=2.0)
 
 
 def conflict_zone(

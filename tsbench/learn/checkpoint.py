@@ -47,9 +47,7 @@ def save_checkpoint(
         save_file({k: v.cpu().contiguous() for k, v in tensors.items()}, part, metadata={"facts": facts})
 
 
-def load_checkpoint(
-    out: Path, net: nn.Module, optimiser: Optimizer, job: Mapping[str, Any]
-) -> dict[str, Any] | None:
+def load_checkpoint(out: Path, net: nn.Module, optimiser: Optimizer, job: Mapping[str, Any]) -> dict[str, Any] | None:
     """Restore a saved state and return its progress, or None without one.
 
     Raises InputError for a damaged checkpoint, or one of another training.

@@ -71,9 +71,7 @@ def _imitation_figure(losses: list[Row], skills: list[Row]) -> Figure:
     left, right = figure.subplots(1, 2)
     for name, colour in _TERMS.items():
         rows = [row for row in losses if name in row]
-        left.plot(
-            [row["steps"] / 1000.0 for row in rows], [row[name] for row in rows], color=colour, label=name
-        )
+        left.plot([row["steps"] / 1000.0 for row in rows], [row[name] for row in rows], color=colour, label=name)
     left.set(xlabel="thousand steps", yscale="log")
     left.set_title("losses", loc="left", fontsize="medium")
     epochs = [row["epoch"] for row in skills]

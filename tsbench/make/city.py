@@ -80,9 +80,7 @@ class City:
     types: str
     split: SplitPlan
     extracts: Annotated[tuple[Extract, ...], Meta(min_length=1)]
-    maps: Mapping[str, Annotated[int, Meta(ge=1, le=max(MAPS.values()))]] = field(
-        default_factory=lambda: MAPS
-    )
+    maps: Mapping[str, Annotated[int, Meta(ge=1, le=max(MAPS.values()))]] = field(default_factory=lambda: MAPS)
     withdrawn: frozenset[str] = frozenset()
 
     @property
@@ -112,9 +110,7 @@ def load_city(name: str) -> City:
             f"{name}: no city of its own, but {name.removeprefix(MIRRORED)} in a mirror (docs/guides/city.md)"
         )
     if not path.is_file():
-        raise InputError(
-            f"{path}: no such city; there are {', '.join(city_names()) or 'none'} (docs/guides/city.md)"
-        )
+        raise InputError(f"{path}: no such city; there are {', '.join(city_names()) or 'none'} (docs/guides/city.md)")
     return _read(path)
 
 
@@ -169,13 +165,7 @@ def describe_city(path: Path, title: str, country: str, zone: int, facts: Mappin
     """Write the description of a city of one extract. facts: its date, address, sha256 and bytes."""
     name = path.stem
     types = COUNTRY_TYPES if has_speeds(country) else TOWN_TYPES
-    extract = {
-        "name": name,
-        "code": name.replace("-", "")[:6],
-        "well_tagged": True,
-        **facts,
-        "licence": "ODbL-1.0",
-    }
+    extract = {"name": name, "code": name.replace("-", "")[:6], "well_tagged": True, **facts, "licence": "ODbL-1.0"}
     data = {
         "schema": SCHEMA, "city": name, "title": title, "country": country,
         "side": driving_sides()[country], "zone": zone, "types": types,
@@ -195,9 +185,7 @@ def fetch_extracts(name: str, osm_dir: Path, on_progress: Callable[[str], None])
     for extract in load_city(name).extracts:
         asked = overpass.is_address(extract.address)
         there = extracts_in(osm_dir, extract.name).get(extract.name)
-        path = there or osm_dir / (
-            f"{extract.name}.osm.gz" if asked else file_at(extract.name, extract.address)
-        )
+        path = there or osm_dir / (f"{extract.name}.osm.gz" if asked else file_at(extract.name, extract.address))
         if not path.exists() and asked:
             overpass.fetch_extract(path, extract.address)
         elif not path.exists():

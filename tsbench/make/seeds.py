@@ -35,9 +35,7 @@ def read_secret(path: Path) -> str:
     """The secret in a file. Raises InputError for any other content."""
     text = read_text(path, "secret").strip()
     if not re.fullmatch("[0-9a-f]{64}", text):
-        raise InputError(
-            f"{path}: is no secret, which is 64 digits of 0-9 and a-f: tsbench seal secret FILE makes one"
-        )
+        raise InputError(f"{path}: is no secret, which is 64 digits of 0-9 and a-f: tsbench seal secret FILE makes one")
     return text
 
 

@@ -143,15 +143,11 @@ def _holes(records: Mapping[str, Records], asked: Mapping[str, int]) -> dict[str
     return {name: k for name, k in missing.items() if k}
 
 
-def _planner(
-    name: str, mark: str, records: Records, asked: int, bootstrap: ClusterBootstrap
-) -> PlannerSummary:
+def _planner(name: str, mark: str, records: Records, asked: int, bootstrap: ClusterBootstrap) -> PlannerSummary:
     def measure(
         metric: Metric, label: str, records: Records, values: Sequence[Array], use: Mask, macro: bool
     ) -> Estimate:
-        total, count = sums_by_cluster(
-            values[0][use], records.place[use], records.kind[use], len(records.kinds)
-        )
+        total, count = sums_by_cluster(values[0][use], records.place[use], records.kind[use], len(records.kinds))
         return bootstrap.estimate(label, total, count, metric.scale, metric.binary, macro)
 
     outcomes = {outcome.value: records.outcomes.count(outcome.value) for outcome in Outcome}

@@ -125,8 +125,7 @@ def break_down(sides: Sequence[Records], measure: Measure[T]) -> Breakdown[T]:
 def _scores(sides: Sequence[Records], measure: Measure[T]) -> Scores[T]:
     first = sides[0]
     panels = {
-        panel: twice(sides, measure, SCD, panel_label(panel), use, macro=True)
-        for panel, use in first.panels().items()
+        panel: twice(sides, measure, SCD, panel_label(panel), use, macro=True) for panel, use in first.panels().items()
     }
     group_of = first.type_groups()
     types = {k: twice(sides, measure, SCD, f"type {k}", first.kind == first.kinds.index(k)) for k in group_of}

@@ -95,9 +95,7 @@ def calibrate(initial_speeds: Array, cruise_speeds: Array, densities: Array) -> 
     fits = []
     for of, sample, has_goal in parts:
         if not len(sample):
-            raise InputError(
-                f"calibration: the scenarios have no {of.name} to compare (all without traffic?)"
-            )
+            raise InputError(f"calibration: the scenarios have no {of.name} to compare (all without traffic?)")
         distance = ks_distance(sample, of)
         fits.append(Fit(of, np.sort(sample), distance, distance <= GOAL if has_goal else None))
     return fits

@@ -170,11 +170,16 @@ class Metric:
 
 
 SCD = Metric(
-    "scd", bool, lambda e: is_scd(e.facts),
+    "scd",
+    bool,
+    lambda e: is_scd(e.facts),
     "compliant and arrived, never the wrong way, and in a contrast scene nothing obeyed needlessly: the primary "
     "metric; false for an error outcome",
-    unit="%", scale=100.0, failure=0.0, about_rule=True,
-)  # fmt: skip
+    unit="%",
+    scale=100.0,
+    failure=0.0,
+    about_rule=True,
+)
 # In the order of the records' columns.
 EPISODE_METRICS = (
     Metric(

@@ -82,9 +82,7 @@ def share_interval(total: Array, count: Array, macro: bool = True) -> tuple[floa
     alone = []
     if len(weights) > 1:
         held = (np.flatnonzero(column) for column in count.T)
-        alone = [
-            _effective(total[rows][:, [k]], count[rows][:, [k]], np.ones(1)) for k, rows in enumerate(held)
-        ]
+        alone = [_effective(total[rows][:, [k]], count[rows][:, [k]], np.ones(1)) for k, rows in enumerate(held)]
     shares, sizes = (np.array(column) for column in zip((value, size), *alone, strict=True))
     low, high = share_ends(shares, sizes)
     weighed = np.concatenate(([1.0], weights[: len(alone)]))
@@ -138,9 +136,7 @@ def _intraplace_correlation(total: Array, count: Array, shares: Array) -> float:
     own = total * (1.0 - shares) ** 2 + (count - total) * shares**2
     pairs = spread * count * (count - 1.0)
     found = ((residual**2 - own).sum() + (pairs / n).sum()) / pairs.sum()
-    return (_PRIOR_CELLS * _PRIOR_CORRELATION + told * float(np.clip(found, 0.0, 1.0))) / (
-        _PRIOR_CELLS + told
-    )
+    return (_PRIOR_CELLS * _PRIOR_CORRELATION + told * float(np.clip(found, 0.0, 1.0))) / (_PRIOR_CELLS + told)
 
 
 class ClusterBootstrap:

@@ -234,9 +234,7 @@ def _flips_interval(won: Array, lost: Array, count: Array, macro: bool) -> tuple
     """Ends of the interval of won - lost, means over parts of shares. won, lost, count: (clusters, parts)."""
     n, weights = count.sum(axis=0), part_weights(count, macro)
     gain, loss = (float(weights @ (flips.sum(axis=0) / n)) for flips in (won, lost))
-    (gain_low, gain_high), (loss_low, loss_high) = (
-        share_interval(flips, count, macro) for flips in (won, lost)
-    )
+    (gain_low, gain_high), (loss_low, loss_high) = (share_interval(flips, count, macro) for flips in (won, lost))
     # A pair is not both: where more are won, fewer can be lost.
     room = (1.0 - gain) * (1.0 - loss)
     opposed = 2.0 * np.sqrt(gain * loss / room) if room > 0.0 else 0.0
@@ -313,9 +311,7 @@ def compare(a: pa.Table, b: pa.Table, seed: str) -> Comparison:
             a["scenario_id"].to_pylist(), a[column].to_pylist(), b[column].to_pylist(), strict=True
         ):
             if x != y:
-                raise InputError(
-                    f"scenario {scenario}: {column} is {x!r} in A and {y!r} in B: not comparable"
-                )
+                raise InputError(f"scenario {scenario}: {column} is {x!r} in A and {y!r} in B: not comparable")
     (left,), (right,) = (split_records(table).values() for table in (a, b))
     bootstrap = ClusterBootstrap(seed)
 
@@ -336,9 +332,7 @@ def _adjusted(figures: Scores[Difference]) -> Scores[Difference]:
     """Holm over the strict figures of the types, and over the completed ones."""
     strict = adjust({kind: figure.main for kind, figure in figures.types.items()}, SCD.scale)
     completed = adjust({kind: figure.completed for kind, figure in figures.types.items()}, SCD.scale)
-    return replace(
-        figures, types={kind: StrictAndCompleted(strict[kind], completed[kind]) for kind in figures.types}
-    )
+    return replace(figures, types={kind: StrictAndCompleted(strict[kind], completed[kind]) for kind in figures.types})
 
 
 def _flips(a: pa.Table, b: pa.Table) -> tuple[Flip, ...]:
@@ -347,8 +341,6 @@ def _flips(a: pa.Table, b: pa.Table) -> tuple[Flip, ...]:
     for x, y in zip(a.select(columns).to_pylist(), b.select(columns).to_pylist(), strict=True):
         if bool(x["scd"]) != bool(y["scd"]):
             what = {name: x[name] for name in _SAME} | {"won": bool(y["scd"])}
-            what |= {
-                f"{name}_{side}": row[c] for side, row in (("a", x), ("b", y)) for name, c in _SHOWN.items()
-            }
+            what |= {f"{name}_{side}": row[c] for side, row in (("a", x), ("b", y)) for name, c in _SHOWN.items()}
             found.append(Flip(**what))
     return tuple(sorted(found, key=lambda f: (f.won, f.scenario_type, f.scenario_id)))

@@ -80,10 +80,7 @@ class Records:
     def type_groups(self) -> dict[str, str]:
         """The group of each type; groups in the catalogue's order, types by name within each."""
         group_of = dict(zip(self.kinds, self.groups, strict=True))
-        return {
-            kind: group_of[kind]
-            for kind in sorted(group_of, key=lambda kind: (group_rank(group_of[kind]), kind))
-        }
+        return {kind: group_of[kind] for kind in sorted(group_of, key=lambda kind: (group_rank(group_of[kind]), kind))}
 
     def panels(self) -> dict[str, npt.NDArray[np.bool_]]:
         """(n,) the episodes of each group, and of all of them under ""."""
@@ -155,9 +152,7 @@ def _records(planner: str, table: Any) -> Records:
     )  # fmt: skip
 
 
-def _partners(
-    planner: str, pair_ids: list[str], contrast: npt.NDArray[np.bool_], scenarios: list[str]
-) -> _Codes:
+def _partners(planner: str, pair_ids: list[str], contrast: npt.NDArray[np.bool_], scenarios: list[str]) -> _Codes:
     first: dict[str, int] = {}
     partner = np.full(len(pair_ids), -1)
     for k, pair in enumerate(pair_ids):
@@ -165,8 +160,6 @@ def _partners(
         if other == k:
             continue
         if partner[other] >= 0 or contrast[other] == contrast[k]:
-            raise InputError(
-                f"episode records: {planner}, {scenarios[k]}: pair {pair} has this half more than once"
-            )
+            raise InputError(f"episode records: {planner}, {scenarios[k]}: pair {pair} has this half more than once")
         partner[[other, k]] = k, other
     return partner

@@ -60,9 +60,7 @@ def _shared_state(planner: Planner) -> list[Finding]:
     """Lists, dicts and sets on the class outlive an episode and are shared by all instances."""
     owner = type(planner)
     shared = sorted(
-        name
-        for name, value in vars(owner).items()
-        if isinstance(value, list | dict | set) and name[:2] != "__"
+        name for name, value in vars(owner).items() if isinstance(value, list | dict | set) and name[:2] != "__"
     )
     return [
         Finding(

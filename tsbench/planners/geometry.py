@@ -84,10 +84,7 @@ def route_line(
     x, y = path.line.points[0].tolist()
     beside = context.network.edges.get(graph.edge_of(path.pieces[0].lane))
     # Where the route begins with a lane change, it begins on another lane than it names.
-    lane = min(
-        beside.lanes if beside else (path.pieces[0].lane,),
-        key=lambda k: abs(graph.line_of(k).project(x, y)[1]),
-    )
+    lane = min(beside.lanes if beside else (path.pieces[0].lane,), key=lambda k: abs(graph.line_of(k).project(x, y)[1]))
     own = graph.line_of(lane)
     at = own.project(x, y)[0]
     tail = _onward(context.network, lane, behind - at, back=True)[::-1]

@@ -105,12 +105,7 @@ class Idm:
         self._path = path
         self._samples = PathSamples(path)
         self._speeds = speed_profile(
-            path,
-            self._samples,
-            lateral=p.lateral,
-            decel=0.8 * p.slowing,
-            factor=p.speed_factor,
-            top=p.top_speed,
+            path, self._samples, lateral=p.lateral, decel=0.8 * p.slowing, factor=p.speed_factor, top=p.top_speed
         )
         self._fixed = {}
 

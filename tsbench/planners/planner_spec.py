@@ -34,9 +34,7 @@ class PlannerSpec:
             return cls(written)
         image, _, text = written.removeprefix(_IMAGE).partition(" ")
         if not image or image.startswith("-"):
-            raise InputError(
-                f"planner {written!r:.80}: {image!r:.40} is no name of an image: give one by --image"
-            )
+            raise InputError(f"planner {written!r:.80}: {image!r:.40} is no name of an image: give one by --image")
         return cls(text, image)
 
     def __str__(self) -> str:
@@ -65,9 +63,7 @@ class PlannerSpec:
     @property
     def program(self) -> Path | None:
         """The file of `exe:FILE`, None for what is Python."""
-        return (
-            Path(self.text.removeprefix(EXECUTABLE)).resolve() if self.text.startswith(EXECUTABLE) else None
-        )
+        return Path(self.text.removeprefix(EXECUTABLE)).resolve() if self.text.startswith(EXECUTABLE) else None
 
     def executable(self) -> Path | None:
         """`program`, checked. Raises InputError for a file that cannot be executed."""

@@ -204,12 +204,18 @@ def _loaded(spec: str, source: str, attribute: str, known: PlannerEntry | None) 
     factory = _factory(target, where)
     facts = known or _declared(target, f"{source}:{attribute}")
     return LoadedPlanner(
-        name=spec if known else attribute.partition("(")[0], factory=factory, privileged=facts.privileged,
-        sign_access=facts.sign_access, chooses_route=facts.chooses_route, spec=spec,
+        name=spec if known else attribute.partition("(")[0],
+        factory=factory,
+        privileged=facts.privileged,
+        sign_access=facts.sign_access,
+        chooses_route=facts.chooses_route,
+        spec=spec,
         sources=(source, NUPLAN_MODULE) if nuplan else (source,),
         batched=cast("type[Batched]", target) if isinstance(target, type) and isinstance(target, Batched) else None,
-        weights=facts.weights, floor=facts.floor, keeps_process=facts.keeps_process,
-    )  # fmt: skip
+        weights=facts.weights,
+        floor=facts.floor,
+        keeps_process=facts.keeps_process,
+    )
 
 
 def _declared(target: object, place: str) -> PlannerEntry:
@@ -233,9 +239,7 @@ def _expert(spec: str, base: LoadedPlanner) -> LoadedPlanner:
             f"planner {spec!r}: {base.spec} chooses its way by itself and follows no route, so it has no expert"
         )
     # Imported by name, so that the experts' code is part of these planners' hashes and not of every run's contract.
-    wrap = cast(
-        "Callable[[Planner], Planner]", import_attribute(EXPERT_MODULE, "Expert", f"planner {spec!r}")
-    )
+    wrap = cast("Callable[[Planner], Planner]", import_attribute(EXPERT_MODULE, "Expert", f"planner {spec!r}"))
     return replace(
         base,
         name=f"{base.name}{EXPERT}",
@@ -287,9 +291,7 @@ def _unknown(spec: str) -> str:
     if spec.endswith(".py"):
         return f"planner {spec!r}: name the class or function in it too, as in {spec}:MyPlanner"
     # Which experts there are is told by entries, and those of other packages are code that would run here.
-    known = sorted(
-        [*_registered(), *_experts(name for name, p in _registered().items() if in_package(p.module))]
-    )
+    known = sorted([*_registered(), *_experts(name for name, p in _registered().items() if in_package(p.module))])
     close = difflib.get_close_matches(spec, known, n=3, cutoff=0.5)
     hint = f"did you mean {' or '.join(close)}?" if close else f"registered are {', '.join(known)}"
     return f"planner {spec!r}: no such planner: {hint} (or pkg.module:Class, file.py:Class)"

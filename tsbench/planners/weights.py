@@ -61,9 +61,7 @@ def learned(
 ) -> PlannerEntry:
     """The registry's entry of a planner that uses network `name`; size, hash and parameters as its file says."""
     facts = network(name)
-    return PlannerEntry(
-        target, "learned", False, sign_access, chooses_route, facts.parameters, facts.weights, floor
-    )
+    return PlannerEntry(target, "learned", False, sign_access, chooses_route, facts.parameters, facts.weights, floor)
 
 
 def load_weights(name: str, folder: Path | None = None) -> Tensors:
@@ -99,11 +97,7 @@ def fitted(name: str, folder: Path | None, make: Callable[[Tensors], T]) -> T:
 
 
 def save_weights(
-    name: str,
-    folder: Path,
-    tensors: Tensors,
-    training: Mapping[str, Any],
-    metadata: Mapping[str, str] | None = None,
+    name: str, folder: Path, tensors: Tensors, training: Mapping[str, Any], metadata: Mapping[str, str] | None = None
 ) -> Network:
     """Write `NAME.safetensors` and `NAME.json` below `folder`; counts every element as a parameter.
 

@@ -126,9 +126,7 @@ def make_files(files: Mapping[Path, Path], make: Maker, workers: int, progress: 
     driven = cpu = 0.0
     with worker_processes(min(workers, max(len(todo), 1)), "drawing") as pool:
         results = pool.ordered(_make, ((*job, make) for job in todo))
-        for number, ((trace, _), (seconds, spent, problem)) in enumerate(
-            zip(todo, results, strict=True), start=1
-        ):
+        for number, ((trace, _), (seconds, spent, problem)) in enumerate(zip(todo, results, strict=True), start=1):
             driven, cpu = driven + seconds, cpu + spent
             if problem:
                 failed.append((trace, problem))

@@ -126,11 +126,7 @@ def _encode(frames: Iterable[Image], size: PageSize, path: Path) -> None:
     given = shlex.split(f"{told} -r {round(1 / DT_S)} -i pipe:0")
     command = [imageio_ffmpeg.get_ffmpeg_exe(), *given, *_ENCODER, "-f", "mp4", str(path)]
     encoder = subprocess.Popen(
-        command,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        pipesize=_PIPE_BYTES,
+        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, pipesize=_PIPE_BYTES
     )
     with encoder:
         assert encoder.stdin is not None
@@ -191,9 +187,7 @@ def _durations(trace: Trace, span: tuple[int, int] | None) -> list[float]:
     ticks = _ticks(trace, GIF_EVERY, span)
     found = [DT_S * GIF_EVERY] * (len(ticks) - 1) + [HOLD_S]
     for event in trace.events if span is not None else ():
-        shown = next(
-            (k for k, tick in enumerate(ticks) if trace.snapshots[tick].time + 1e-6 >= event.start_s), None
-        )
+        shown = next((k for k, tick in enumerate(ticks) if trace.snapshots[tick].time + 1e-6 >= event.start_s), None)
         if shown is not None and trace.snapshots[ticks[0]].time <= event.start_s:
             found[shown] = _STOP_S
     return found

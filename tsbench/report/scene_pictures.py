@@ -82,9 +82,9 @@ def moment(
     sign = scene.target_sign
     if np.hypot(sign.x - ego.x, sign.y - ego.y) <= _PLATE_NEAR_M:
         around.append((sign.x, sign.y))
-    return BirdsEye(
-        trace, scene, PNG_SIZE, np.array(around), follow=False, country=country, under_way=under_way
-    ).page(tick)
+    return BirdsEye(trace, scene, PNG_SIZE, np.array(around), follow=False, country=country, under_way=under_way).page(
+        tick
+    )
 
 
 def _tick(trace: Trace, time: float | None) -> int:
@@ -98,9 +98,7 @@ def _tick(trace: Trace, time: float | None) -> int:
     return min(round(time / DT_S), last)
 
 
-def render_scene_png(
-    scene: Scene, path: Path, title: str, country: Country | None = None, map_id: str = ""
-) -> None:
+def render_scene_png(scene: Scene, path: Path, title: str, country: Country | None = None, map_id: str = "") -> None:
     """A scene without an episode: roads, plates, obstacles, start, convoy, destination, and the ways.
 
     Blue: the way that navigation gives; green: the obedient way, where it is another one. map_id: what lies around it.

@@ -41,9 +41,7 @@ def how_near(snapshot: WorldSnapshot, name: str) -> str:
     away, ttc = own.distance(other), min_ttc(pair)
     if away == 0.0:
         return f"{name} touches the ego"
-    course = (
-        f"no collision course within {TTC_HORIZON_S:.0f} s" if ttc is None else f"collision in {ttc:.1f} s"
-    )
+    course = f"no collision course within {TTC_HORIZON_S:.0f} s" if ttc is None else f"collision in {ttc:.1f} s"
     return f"{name} {away:.1f} m away, {course}"
 
 

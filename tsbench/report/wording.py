@@ -62,14 +62,7 @@ def scene_facts(scene: Scene, country: Country | None = None) -> dict[str, str]:
 
 
 # By the end of a key, longest first: the unit behind a value.
-_UNIT_OF_KEY = (
-    ("_mps2", " m/s²"),
-    ("_kmh", " km/h"),
-    ("_mps", " m/s"),
-    ("_deg", "°"),
-    ("_m", " m"),
-    ("_s", " s"),
-)
+_UNIT_OF_KEY = (("_mps2", " m/s²"), ("_kmh", " km/h"), ("_mps", " m/s"), ("_deg", "°"), ("_m", " m"), ("_s", " s"))
 _RATIO = "_ratio"
 
 THRESHOLDS: Mapping[str, str] = MappingProxyType(

@@ -45,17 +45,13 @@ def arrival_s(vehicle: PriorityVehicle, zone: ConflictZone, least: float) -> flo
     return to_go / max(vehicle.speed, least) if to_go > 0.0 else None
 
 
-def clearance_s(
-    vehicle: PriorityVehicle, zone: ConflictZone, front: float, speed: float, least: float
-) -> float | None:
+def clearance_s(vehicle: PriorityVehicle, zone: ConflictZone, front: float, speed: float, least: float) -> float | None:
     """For a vehicle in its zone: the least time between its rear's leaving a piece of ground and the ego's reaching it.
 
     front: the ego's, along its path. < 0 where the ego would be there first; None where nothing is left to sweep.
     """
     rear, theirs, own = vehicle.s - vehicle.length, max(vehicle.speed, least), max(speed, least)
-    return min(
-        (max(a - front, 0.0) / own - (b - rear) / theirs for b, a in zone.ground if b > rear), default=None
-    )
+    return min((max(a - front, 0.0) / own - (b - rear) / theirs for b, a in zone.ground if b > rear), default=None)
 
 
 def blocker(

@@ -272,9 +272,7 @@ class LaneGraph(MapGraph):
 
     __slots__ = ("vclass",)
 
-    def __init__(
-        self, network: RoadNetwork, vclass: str = "passenger", closed: AbstractSet[int] = frozenset()
-    ) -> None:
+    def __init__(self, network: RoadNetwork, vclass: str = "passenger", closed: AbstractSet[int] = frozenset()) -> None:
         object.__setattr__(self, "vclass", vclass)
         turned = {i: t for i, t in contraflow_lanes(network, vclass).items() if i not in closed}
         self._fill(network, open_lanes(network, vclass) - closed, turned)
@@ -339,9 +337,7 @@ class _PathBuilder:
             return None
         line = Polyline(np.vstack(self.chunks))
         sizes = [float(np.hypot(*np.diff(c, axis=0).T).sum()) for c in self.chunks]
-        gaps = [0.0] + [
-            float(np.hypot(*(b[0] - a[-1]))) for a, b in zip(self.chunks, self.chunks[1:], strict=False)
-        ]
+        gaps = [0.0] + [float(np.hypot(*(b[0] - a[-1]))) for a, b in zip(self.chunks, self.chunks[1:], strict=False)]
         pieces, s = [], 0.0
         for size, gap, lane in zip(sizes, gaps, self.lanes, strict=True):
             pieces.append(PathPiece(s, s + gap + size, lane))

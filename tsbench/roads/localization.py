@@ -41,8 +41,7 @@ class LaneLocator:
         self._boxes = np.asarray(boxes, dtype=np.float64)
         # Both directions of a road run between the same two junctions.
         self._road = {
-            e.id: (e.id,) if e.internal else tuple(sorted((e.source, e.target)))
-            for e in network.edges.values()
+            e.id: (e.id,) if e.internal else tuple(sorted((e.source, e.target))) for e in network.edges.values()
         }
         self._areas = [j.polygon for j in network.junctions.values() if len(j.polygon) >= 3]
 

@@ -17,15 +17,7 @@ from lxml import etree
 from tsbench.core.errors import InputError
 from tsbench.core.xmlfile import parse, read_plain
 from tsbench.geometry.polyline import Array, Polyline
-from tsbench.roads.road_map import (
-    Crossing,
-    MapConnection,
-    MapEdge,
-    MapJunction,
-    MapLane,
-    RoadMap,
-    lanes_beside,
-)
+from tsbench.roads.road_map import Crossing, MapConnection, MapEdge, MapJunction, MapLane, RoadMap, lanes_beside
 
 DEFAULT_LANE_WIDTH_M = 3.2
 _TOUCH_M = 0.01
@@ -190,9 +182,7 @@ def _read_crossings(root: etree._Element) -> dict[str, Crossing]:
     return found
 
 
-def _read_connections(
-    root: etree._Element, edges: dict[str, Edge], index: dict[str, int]
-) -> list[Connection]:
+def _read_connections(root: etree._Element, edges: dict[str, Edge], index: dict[str, int]) -> list[Connection]:
     responses = _read_responses(root, index)
     inner: dict[int, int] = {}
     outer: list[tuple[int, int, str, str, str]] = []
@@ -265,7 +255,13 @@ def read_network(path: Path, content: bytes | None = None) -> RoadNetwork:
     for connection in connections:
         outgoing[connection.from_lane].append(connection)
     return RoadNetwork(
-        lanes=tuple(lanes), lane_index=index, edges=edges, junctions=junctions,
-        connections=tuple(connections), outgoing=tuple(tuple(c) for c in outgoing),
-        crossings=crossings, class_speed=class_speed, left_hand=left_hand,
-    )  # fmt: skip
+        lanes=tuple(lanes),
+        lane_index=index,
+        edges=edges,
+        junctions=junctions,
+        connections=tuple(connections),
+        outgoing=tuple(tuple(c) for c in outgoing),
+        crossings=crossings,
+        class_speed=class_speed,
+        left_hand=left_hand,
+    )

@@ -18,15 +18,7 @@ from tsbench.geometry.polyline import Array, Polyline
 from tsbench.roads.lane_graph import MapGraph
 from tsbench.roads.network import Connection, RoadNetwork
 from tsbench.roads.reserved_lanes import contraflow_lanes, open_lanes
-from tsbench.roads.road_map import (
-    Crossing,
-    MapConnection,
-    MapEdge,
-    MapJunction,
-    MapLane,
-    RoadMap,
-    lanes_beside,
-)
+from tsbench.roads.road_map import Crossing, MapConnection, MapEdge, MapJunction, MapLane, RoadMap, lanes_beside
 
 _CAR = "passenger"
 _TOUCH_M = 0.01
@@ -138,9 +130,7 @@ class _MapBuilder:
     def _chains(self) -> dict[str, tuple[str, ...]]:
         """Edges that follow each other with nothing between them but a cut, by the name that they get together."""
         after, before = self._next_edges()
-        onward = {
-            a: b for a, (b, *more) in after.items() if not more and before[b] == [a] and self._continues(a, b)
-        }
+        onward = {a: b for a, (b, *more) in after.items() if not more and before[b] == [a] and self._continues(a, b)}
         heads = [edge for edge in sorted(self.parts) if edge not in onward.values()]
         found: dict[str, tuple[str, ...]] = {}
         done: set[str] = set()
@@ -219,9 +209,7 @@ class _MapBuilder:
     def _paths(self) -> list[MapConnection]:
         """The connections between edges of the map, with a path lane each."""
         within = {(a, b) for chain in self.chains.values() for a, b in self._cuts(chain)}
-        ends = sorted(
-            (self.places[a].lane, self.places[b].lane, a, b) for a, b in self.links if (a, b) not in within
-        )
+        ends = sorted((self.places[a].lane, self.places[b].lane, a, b) for a, b in self.links if (a, b) not in within)
         found = []
         for a, b, lane, target in ends:
             link = self.links[lane, target]
@@ -246,11 +234,7 @@ class _MapBuilder:
             if np.hypot(*(gap[1] - gap[0])) <= _TOUCH_M:
                 return None
             parts = [gap]
-        width = (
-            min((self.network.lanes[v].width for v in link.via), default=source.width)
-            if link
-            else source.width
-        )
+        width = min((self.network.lanes[v].width for v in link.via), default=source.width) if link else source.width
         name, speed = f"{source.id}>{target.id}", min(source.speed, target.speed)
         self.lanes.append(MapLane(index, name, "", 0, joined(parts), width, speed, True))
         return index
@@ -296,9 +280,7 @@ def joined(parts: Sequence[Array]) -> Polyline:
             cuts.add(len(points) - 1)
         points.extend(part[1:])
     line = np.array(points)
-    kept = [
-        k for k in range(len(line)) if k not in cuts or _beside(line, _whole(k, cuts, len(line))) > _BESIDE_M
-    ]
+    kept = [k for k in range(len(line)) if k not in cuts or _beside(line, _whole(k, cuts, len(line))) > _BESIDE_M]
     while len(kept) > 2:
         away = [_beside(line, kept[k - 1 : k + 2]) for k in range(1, len(kept) - 1)]
         least = int(np.argmin(away))

@@ -124,9 +124,7 @@ class PriorityVehicles:
         """For each lane of a way near the junction, its place on its path."""
         plan: dict[int, _Place] = {}
         for k in range(len(route) - 1):
-            mine = [
-                j for j, p in enumerate(self._paths) if (p.source.edge, p.target.edge) == route[k : k + 2]
-            ]
+            mine = [j for j, p in enumerate(self._paths) if (p.source.edge, p.target.edge) == route[k : k + 2]]
             if mine:
                 self._through(mine, plan)
                 self._before(self._leading_on(mine, route[k + 2 : k + 3]), route[: k + 1], plan)

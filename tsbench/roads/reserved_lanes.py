@@ -53,9 +53,7 @@ def contraflow_lanes(network: RoadNetwork, vclass: str) -> dict[int, ContraflowL
             continue
         edge = network.edges[contra.edge]
         beside = [
-            e.id
-            for e in network.edges.values()
-            if (e.source, e.target) == (edge.target, edge.source) and e.source
+            e.id for e in network.edges.values() if (e.source, e.target) == (edge.target, edge.source) and e.source
         ]
         for before in (e for e in network.edges.values() if e.target == edge.target and e.id != edge.id):
             last = network.lanes[before.lanes[-1]]

@@ -113,9 +113,7 @@ class CrossingJudge:
                 self._judge_contact(snapshot, vehicle)
         if left:
             waited = (step - max(self._out.values(), default=step)) * DT_S
-            self.done = not self._out or (
-                waited >= self._asked.after and self._braking.over(step, self._in.values())
-            )
+            self.done = not self._out or (waited >= self._asked.after and self._braking.over(step, self._in.values()))
 
     def close(self) -> None:
         """Clause forced_braking, for all ticks; then enter what was found."""

@@ -44,17 +44,13 @@ class CrossingPeople:
         """Of the pedestrians among a tick's road users."""
         return [self._place(actors, at) for at in people]
 
-    def anyone_in_the_way(
-        self, x: float, y: float, heading: float, actors: Actors, people: Sequence[int]
-    ) -> bool:
+    def anyone_in_the_way(self, x: float, y: float, heading: float, actors: Actors, people: Sequence[int]) -> bool:
         """Is a pedestrian on the crossing and not clear of the ego's strip, or about to step onto it?
 
         x, y, heading: a pose of the ego's, where it is or where it will cross; its strip goes straight on from there.
         """
         return any(
-            self.past(x, y, heading, actors, p) < self._clear
-            if self.is_on_it(p)
-            else self.is_about_to_step(actors, p)
+            self.past(x, y, heading, actors, p) < self._clear if self.is_on_it(p) else self.is_about_to_step(actors, p)
             for p in self.places(actors, people)
         )
 
@@ -91,6 +87,4 @@ class CrossingPeople:
         row, along = int(actors.index[at]), math.cos(heading - self.heading)
         if abs(along) >= self._along:
             self._direction[row] = math.copysign(1.0, along)
-        return PedestrianPlace(
-            at, row, u, w, self._direction.setdefault(row, 1.0 if 2.0 * u < self.length else -1.0)
-        )
+        return PedestrianPlace(at, row, u, w, self._direction.setdefault(row, 1.0 if 2.0 * u < self.length else -1.0))

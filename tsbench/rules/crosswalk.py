@@ -47,15 +47,9 @@ class Crosswalk(Monitor):
         front = self._road.front(ego)
         if front is not None and 0.0 <= self._begin - front <= self._engage:
             self._armed = True
-            self._engaged = self._engaged or any(
-                strip.is_on_it(p) or strip.is_about_to_step(actors, p) for p in places
-            )
-        on_it = self._armed and boxes_overlap(
-            *ego_box(ego), *strip.middle, strip.heading, strip.length, strip.width
-        )
-        past = [
-            (strip.past(ego.x, ego.y, ego.heading, actors, p), p.row) for p in places if strip.is_on_it(p)
-        ]
+            self._engaged = self._engaged or any(strip.is_on_it(p) or strip.is_about_to_step(actors, p) for p in places)
+        on_it = self._armed and boxes_overlap(*ego_box(ego), *strip.middle, strip.heading, strip.length, strip.width)
+        past = [(strip.past(ego.x, ego.y, ego.heading, actors, p), p.row) for p in places if strip.is_on_it(p)]
         blocking = [p for p in past if p[0] < self._clear]
         if not on_it or not blocking:
             self._drove_on.close()

@@ -117,9 +117,7 @@ class Excursion:
         """Is an excursion under way?"""
         return self._start is not None
 
-    def broken(
-        self, snapshot: WorldSnapshot, value: float, threshold: float, other: str | None = None
-    ) -> None:
+    def broken(self, snapshot: WorldSnapshot, value: float, threshold: float, other: str | None = None) -> None:
         """The clause is broken at this tick."""
         if self._start is None:
             self._start, self._value, self._threshold, self._other = snapshot, value, threshold, other

@@ -30,9 +30,7 @@ class GiveWay(Monitor):
         if not self._paths:
             raise InputError(f"{scene.net}: edge {params.approach!r} leads nowhere (sign {sign.id!r})")
         self._priority_paths = junction_paths(scene.network, params.main_in)
-        self._zones = path_zones(
-            self._paths, self._priority_paths, least_overlap=rule.thresholds["least_overlap_m"]
-        )
+        self._zones = path_zones(self._paths, self._priority_paths, least_overlap=rule.thresholds["least_overlap_m"])
         self._priority_vehicles = PriorityVehicles(
             scene.network, self._priority_paths, RULE_FOLLOWING, self.lanes_with_priority()
         )
@@ -110,20 +108,13 @@ class GiveWay(Monitor):
 
     def _resolve(self, exit_edge: str) -> None:
         """Judge the ticks on the best fitting path to `exit_edge`; of all paths if none leads there."""
-        fits = [k for k, p in enumerate(self._paths) if p.target.edge == exit_edge] or list(
-            range(len(self._paths))
-        )
+        fits = [k for k, p in enumerate(self._paths) if p.target.edge == exit_edge] or list(range(len(self._paths)))
         egos = [t.ego for t in self._ticks]
         taken = min(fits, key=lambda k: (_deviation(self._paths[k], egos), k))
         self.engaged = self.engaged or self._bound[taken]
         self._bound = [False] * len(self._paths)
         crossing = CrossingJudge(
-            self._paths[taken],
-            self._zones[taken],
-            self._priority_paths,
-            self._priority_vehicles,
-            self.rule,
-            self.log,
+            self._paths[taken], self._zones[taken], self._priority_paths, self._priority_vehicles, self.rule, self.log
         )
         for tick in self._ticks:
             crossing.update(tick)

@@ -78,9 +78,7 @@ class Road:
     off every lane strip, an ego within this many carriageway widths still drives along the road.
     """
 
-    def __init__(
-        self, network: RoadNetwork, edges: tuple[str, ...], order: int = 0, *, beside_widths: float
-    ) -> None:
+    def __init__(self, network: RoadNetwork, edges: tuple[str, ...], order: int = 0, *, beside_widths: float) -> None:
         self._network = network
         self._stations: dict[int, Station] = {}
         self.starts: dict[str, float] = {}

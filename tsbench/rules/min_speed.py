@@ -54,11 +54,7 @@ class MinSpeed(Monitor):
         """An ego that was never slow for long may have been slow on the whole."""
         self._end()
         t = self.rule.thresholds
-        if (
-            self._last is not None
-            and not self.log.clauses()
-            and self._late * DT_S > t["duration_s"] + DT_S / 2
-        ):
+        if self._last is not None and not self.log.clauses() and self._late * DT_S > t["duration_s"] + DT_S / 2:
             mean, threshold = self._sum / self._free, self._minimum - t["tolerance_kmh"]
             if mean < threshold:
                 self.log.event("under_minimum", self._last, self._last.time, mean, threshold)

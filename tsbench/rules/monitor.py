@@ -56,9 +56,7 @@ class Monitor(ABC):
 
     def road(self, edges: tuple[str, ...], order: int = 0) -> Road:
         """A stretch of road along which the ego is followed, as wide as the rule has it."""
-        return Road(
-            self.scene.network, edges, order, beside_widths=self.rule.thresholds["beside_road_widths"]
-        )
+        return Road(self.scene.network, edges, order, beside_widths=self.rule.thresholds["beside_road_widths"])
 
     def line_of(self, approach: str) -> ApproachLine:
         """The line at the end of an approach, likewise."""

@@ -48,9 +48,7 @@ class Passage:
         others = [
             e.id
             for e in network.edges.values()
-            if e.target == network.edges[params.approach].target
-            and not e.internal
-            and e.id != params.approach
+            if e.target == network.edges[params.approach].target and not e.internal and e.id != params.approach
         ]
         self._gap, other_paths = PriorityGap.of(give_way), junction_paths(network, others)
         # A vehicle with priority may be waited for longer than the rule of giving way asks; the others may not.

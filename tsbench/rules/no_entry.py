@@ -17,9 +17,7 @@ class NoEntry(Monitor):
         network = scene.network
         self._road = self.road((sign.edge,))
         leads = {
-            network.lanes[c.from_lane].edge
-            for c in network.connections
-            if network.lanes[c.to_lane].edge == sign.edge
+            network.lanes[c.from_lane].edge for c in network.connections if network.lanes[c.to_lane].edge == sign.edge
         }
         self._lines = [self.line_of(e) for e in network.edges if e in leads]
         self._plate = sign.position_m

@@ -11,16 +11,7 @@ from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.scene import Scene
-from tsbench.sim.world import (
-    DT_S,
-    EGO_LENGTH_M,
-    EGO_WIDTH_M,
-    ActorKind,
-    Actors,
-    EgoState,
-    WorldSnapshot,
-    ego_box,
-)
+from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, Actors, EgoState, WorldSnapshot, ego_box
 
 _KINDS = {"bus": ActorKind.BUS, "bicycle": ActorKind.BICYCLE}
 
@@ -52,9 +43,7 @@ class ReservedLane(Monitor):
         t, ego = self.rule.thresholds, snapshot.ego
         if not self.engaged:
             front = self._road.front(ego)
-            self.engaged = (
-                front is not None and -t["engage_distance_m"] <= front - self._plate <= self._length
-            )
+            self.engaged = front is not None and -t["engage_distance_m"] <= front - self._plate <= self._length
         past = self._past_plate(ego)
         if past and ego.lane in self._lanes:
             self._by_centre.add(snapshot, DT_S, self._by_share.open)

@@ -71,9 +71,7 @@ class Circulation:
             link = _links(network, one, other)
             chunks += [lanes[v].line for v in link[0].via] if link else []
             node = network.edges[one].target
-            inner |= {
-                v for e in network.edges.values() if e.target == node for v in _inside(network, e.lanes)
-            }
+            inner |= {v for e in network.edges.values() if e.target == node for v in _inside(network, e.lanes)}
         self._line: Polyline = join([*chunks, network.edge_lanes(edges[0])[0].line])
         self._lanes = frozenset(i for edge in edges for i in network.edges[edge].lanes)
         self._inner = frozenset(inner)
@@ -98,9 +96,7 @@ class Circulation:
 def _links(network: RoadNetwork, source: str, target: str) -> list[Connection]:
     """The connections between two edges, of the outermost lane first."""
     lanes = network.lanes
-    return [
-        c for i in network.edges[source].lanes for c in network.outgoing[i] if lanes[c.to_lane].edge == target
-    ]
+    return [c for i in network.edges[source].lanes for c in network.outgoing[i] if lanes[c.to_lane].edge == target]
 
 
 def _inside(network: RoadNetwork, lanes: tuple[int, ...]) -> list[int]:

@@ -21,9 +21,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import expanded, expanded_text
 
 TOML = Path("tsbench.toml")
-Kind = Literal[
-    "planners", "split", "city", "types", "count", "number", "choice", "flag", "text", "folder", "listeners"
-]
+Kind = Literal["planners", "split", "city", "types", "count", "number", "choice", "flag", "text", "folder", "listeners"]
 # A command stays as it is.
 _OPTION = re.compile(r"tsbench [^:;,()]*|--([a-z][a-z-]*)")
 # Options without a value.

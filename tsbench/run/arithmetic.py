@@ -66,9 +66,7 @@ def differences(
     for name, was in old["answers"].items():
         if was != new["answers"][name] and (name == "libm" or not known):
             said = {"libm": "libc", "numpy": "simd", "blas": "blas"}[name]
-            found.append(
-                f"the arithmetic of {name} is another ({_words(old[said])}, now {_words(new[said])})"
-            )
+            found.append(f"the arithmetic of {name} is another ({_words(old[said])}, now {_words(new[said])})")
     return tuple(found)
 
 
@@ -107,9 +105,7 @@ def _libm() -> str:
 def _numpy() -> str:
     x, y = _points()
     functions = (np.sin, np.cos, np.tan, np.exp, np.tanh)
-    return _hash(
-        np.array([*(f(x) for f in functions), np.log(y), np.arctan2(x, y), np.hypot(x, y), np.power(y, x)])
-    )
+    return _hash(np.array([*(f(x) for f in functions), np.log(y), np.arctan2(x, y), np.hypot(x, y), np.power(y, x)]))
 
 
 def _blas() -> str:

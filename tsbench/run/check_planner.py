@@ -39,9 +39,7 @@ _CHATTY_BYTES = 2_000
 # Of a traceback: its lines, what stands behind that of the cause, and files that are not the planner's.
 _LINES = re.compile(r'^  File "(.+)", line (\d+), in (.+)$', re.MULTILINE)
 _CAUSE = "The above exception was the direct cause"
-_OTHERS = re.compile(
-    rf"[/\\](site|dist)-packages[/\\]|^{re.escape(str(Path(tsbench.__file__).parent))}|^<frozen"
-)
+_OTHERS = re.compile(rf"[/\\](site|dist)-packages[/\\]|^{re.escape(str(Path(tsbench.__file__).parent))}|^<frozen")
 
 
 @dataclass
@@ -73,9 +71,7 @@ def choose(specs: Sequence[ScenarioSpec], count: int = SCENES) -> list[ScenarioS
     return chosen
 
 
-def check_driving(
-    spec: str, scenes: Sequence[ScenarioSpec], wait_limit_s: float = _WAIT_LIMIT_S
-) -> list[Finding]:
+def check_driving(spec: str, scenes: Sequence[ScenarioSpec], wait_limit_s: float = _WAIT_LIMIT_S) -> list[Finding]:
     """Findings from driving the planner through the scenes, the first one three times.
 
     wait_limit_s: how long one step of the planner, or making it, may take before it is given up.
@@ -258,21 +254,15 @@ def _memory(memory: list[int]) -> list[Finding]:
     growth = (memory[-1] - memory[half]) / (len(memory) - 1 - half)
     text = f"{memory[-1] / 1e6:.0f} MB in use, {max(growth, 0.0) / 1e6:+.1f} MB a scene"
     if growth > _GROWTH_BYTES:
-        return [
-            Finding(Level.PROBLEM, "memory", f"{text}: it keeps growing, drop an episode's data in reset")
-        ]
+        return [Finding(Level.PROBLEM, "memory", f"{text}: it keeps growing, drop an episode's data in reset")]
     return [Finding(Level.OK, "memory", text)]
 
 
 def _printing(seen: DriveSample) -> Finding:
     if seen.printed > _CHATTY_BYTES:
-        text = (
-            f"printed {seen.printed / 1e3:.0f} kB, beginning with {seen.first_line!r}: a run throws that away"
-        )
+        text = f"printed {seen.printed / 1e3:.0f} kB, beginning with {seen.first_line!r}: a run throws that away"
         return Finding(Level.NOTE, "printing", text)
-    return Finding(
-        Level.OK, "printing", "keeps quiet" if not seen.printed else f"printed {seen.printed} bytes"
-    )
+    return Finding(Level.OK, "printing", "keeps quiet" if not seen.printed else f"printed {seen.printed} bytes")
 
 
 def _outcomes(results: list[EpisodeResult], spec: str) -> Iterator[Finding]:

@@ -182,10 +182,7 @@ def release() -> Mapping[str, str]:
     data = DataSet()
     now = {split: contract_now(data, split) for split in data.splits if split not in earlier_splits(data)}
     scenes, last = data.editions(), editions()[-1].name
-    _write(
-        [_entered(e, {s: c for s, c in now.items() if scenes.get(s, last) == e.name}) for e in editions()],
-        PATH,
-    )
+    _write([_entered(e, {s: c for s, c in now.items() if scenes.get(s, last) == e.name}) for e in editions()], PATH)
     return now
 
 
@@ -207,9 +204,7 @@ def _still_the_same(before: Edition, now: Mapping[str, str]) -> dict[str, Sequen
 
 
 def _write(all_of_them: Sequence[Edition], path: Path) -> None:
-    text = yaml.safe_dump(
-        [_plain(edition) for edition in all_of_them], sort_keys=False, allow_unicode=True, width=120
-    )
+    text = yaml.safe_dump([_plain(edition) for edition in all_of_them], sort_keys=False, allow_unicode=True, width=120)
     write_atomic(path, f"{_HEAD}{text}".encode())
 
 

@@ -113,9 +113,7 @@ def _hook(event: str, arguments: tuple[object, ...]) -> None:
                 _leave(notes, event, path)
     elif event in _LEAVES:
         # A link and a rename leave something where they lead to; before an address stands its socket.
-        second = event in ("ctypes.dlsym", "os.link", "os.rename", "os.symlink") or event.startswith(
-            "socket."
-        )
+        second = event in ("ctypes.dlsym", "os.link", "os.rename", "os.symlink") or event.startswith("socket.")
         thing = arguments[second] if arguments else ""
         # Memory of sqlite's is the process's own, and a message without an address goes where a socket is connected.
         if thing not in (None, ":memory:"):
@@ -167,9 +165,7 @@ def place_of(file: Path) -> Path | None:
     return None if _PACKAGE in (place, *place.parents) or place.name in _INSTALLED else place
 
 
-def of_planner(
-    files: Iterable[str], place: Path | None, foreign: frozenset[Path] | None = None
-) -> dict[str, Path]:
+def of_planner(files: Iterable[str], place: Path | None, foreign: frozenset[Path] | None = None) -> dict[str, Path]:
     """Those of such files that belong to a planner, by name.
 
     place: see `place_of`. A file there is named from it, another one by its path, with `~` for the home folder.
@@ -220,9 +216,7 @@ def _digest(path: Path) -> str | None:
     except FileNotFoundError:
         return None
     except OSError as problem:
-        raise InputError(
-            f"{path}: the planner opened it, and it cannot be hashed: {problem.strerror}"
-        ) from None
+        raise InputError(f"{path}: the planner opened it, and it cannot be hashed: {problem.strerror}") from None
 
 
 def _foreign() -> frozenset[Path]:

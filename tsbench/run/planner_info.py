@@ -116,9 +116,7 @@ def check_unchanged(planner: PlannerInfo, code: str | None, place: Path | None) 
     """
     now = [] if planner.code_sha256 in (None, code) else ["its code"]
     if now := [*now, *changed(planner.opened, place)]:
-        raise InputError(
-            f"planner {planner.spec!r}: {now[0]} has changed since the run began: start the run anew"
-        )
+        raise InputError(f"planner {planner.spec!r}: {now[0]} has changed since the run began: start the run anew")
 
 
 def changed(opened: Iterable[str], place: Path | None) -> list[str]:

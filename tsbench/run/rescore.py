@@ -118,9 +118,7 @@ def rescore(folder: Path) -> Rescore:
     split = manifest["effective"]["split"]
     data = DataSet.named(city_of(manifest))
     table, now = data.table(split), standing_contract(contract_now(data, split))
-    known = (
-        {spec.scenario_id: spec for spec in table} if now == standing_contract(manifest["contract"]) else None
-    )
+    known = {spec.scenario_id: spec for spec in table} if now == standing_contract(manifest["contract"]) else None
     judge = Judge(data)
     judged = 0
     for key, row in rows.items():

@@ -43,10 +43,7 @@ class RunOptions(Request):
         decides=True,
     )
     executor: str = option(
-        "choice",
-        "Where: on this machine, or on the Ray cluster that RAY_ADDRESS names.",
-        "local",
-        choices=EXECUTORS,
+        "choice", "Where: on this machine, or on the Ray cluster that RAY_ADDRESS names.", "local", choices=EXECUTORS
     )
     out: Path | None = option(
         "folder", "Run folder; one with part of the same run is continued. Default: below runs/.", None
@@ -60,10 +57,7 @@ class RunOptions(Request):
     )
     device: str = option("choice", "For learned planners.", "cpu", choices=DEVICES, decides=True)
     isolate: bool = option(
-        "flag",
-        "Run planners in processes of their own, out of reach of data, run and referee.",
-        False,
-        decides=True,
+        "flag", "Run planners in processes of their own, out of reach of data, run and referee.", False, decides=True
     )
     image: str | None = option(
         "text",
@@ -82,9 +76,7 @@ class RunOptions(Request):
     overwrite: bool = option(
         "flag", "Remove the run that is in the folder, and drive all of it again.", False, asked=False
     )
-    allow_partial: bool = option(
-        "flag", "Take what has missing records too; the title says so.", False, asked=False
-    )
+    allow_partial: bool = option("flag", "Take what has missing records too; the title says so.", False, asked=False)
     listeners: tuple[str | Listener, ...] = option(
         "listeners",
         f"Who is told how the run goes, such as a tracker: {', '.join(KNOWN)}, or one of your own.",

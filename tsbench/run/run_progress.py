@@ -106,12 +106,8 @@ class ProgressWatcher:
         done = sum(self._count.values())
         pace = self._fresh / (now - self._began)
         left = round((self._total - done) / pace)
-        scd = ", ".join(
-            f"{name} {' '.join(self._scd(name).split())}" for name in self._count if self._count[name]
-        )
-        self._print(
-            f"{done}/{self._total} episodes, {pace:.1f} ep/s, {left // 60}:{left % 60:02d} left, {scd}"
-        )
+        scd = ", ".join(f"{name} {' '.join(self._scd(name).split())}" for name in self._count if self._count[name])
+        self._print(f"{done}/{self._total} episodes, {pace:.1f} ep/s, {left // 60}:{left % 60:02d} left, {scd}")
 
     def _print(self, line: str) -> None:
         self._console.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -113,9 +113,7 @@ def run(options: RunOptions, watcher: ProgressListener, listeners: Sequence[List
             asked = dict.fromkeys(names, plan.scenarios)
             counts = {name: len(rows) for name, rows in asked.items()}
             for listener in listeners:
-                listener.started(
-                    Started(folder.path, contract, manifest["edition"], counts, manifest["asked"])
-                )
+                listener.started(Started(folder.path, contract, manifest["edition"], counts, manifest["asked"]))
             status, journal = "complete", folder.journal
             if journal is not None:
                 place, split = str(folder.path.resolve()), plan.request.split
@@ -147,9 +145,7 @@ def run(options: RunOptions, watcher: ProgressListener, listeners: Sequence[List
 
 
 def _changed_meanwhile(
-    code: Mapping[Path, tuple[int, int]],
-    planners: Iterable[tuple[PlannerInfo, str | None]],
-    folder: RunFolder,
+    code: Mapping[Path, tuple[int, int]], planners: Iterable[tuple[PlannerInfo, str | None]], folder: RunFolder
 ) -> InputError | None:
     """The message where tsbench's code or a planner's changed during the run.
 
@@ -196,16 +192,19 @@ def distinct(found: Sequence[PlannerInfo]) -> tuple[PlannerInfo, ...]:
             raise InputError(f"--planner {planner.spec}: its name: {fault}: rename it")
         other = seen.setdefault(planner.name, planner.spec)
         if other != planner.spec:
-            raise InputError(
-                f"--planner {planner.spec}: called {planner.name} in records, like {other}: rename one"
-            )
+            raise InputError(f"--planner {planner.spec}: called {planner.name} in records, like {other}: rename one")
     return tuple(found)
 
 
 def drive(
-    pool: Executor, setup: Setup, wanted: Mapping[str, Sequence[ScenarioSpec]], journal: Journal,
-    keep: Callable[[Record], None], stop: Callable[[], bool], watcher: ProgressListener,
-) -> None:  # fmt: skip
+    pool: Executor,
+    setup: Setup,
+    wanted: Mapping[str, Sequence[ScenarioSpec]],
+    journal: Journal,
+    keep: Callable[[Record], None],
+    stop: Callable[[], bool],
+    watcher: ProgressListener,
+) -> None:
     """Drive what the journal does not have yet. wanted: scenarios by planner, in the order of the setup's."""
     keys = {(name, spec.scenario_id): None for name, specs in wanted.items() for spec in specs}
     watcher.begin(
@@ -250,9 +249,7 @@ def _ending(folder: RunFolder, status: str, asked: Mapping[str, int], options: R
             marks=marks_of(folder.manifest),
             allow_partial=options.allow_partial,
         )
-    return RunResult(
-        folder.path, status, sum(asked.values()), len(episodes), count_errors(episodes), contract, summary
-    )
+    return RunResult(folder.path, status, sum(asked.values()), len(episodes), count_errors(episodes), contract, summary)
 
 
 def count_errors(episodes: pa.Table) -> int:

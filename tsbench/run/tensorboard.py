@@ -19,9 +19,7 @@ class TensorBoard:
 
     def started(self, run: Started) -> None:
         self._writer = SummaryWriter(str(run.folder / "tensorboard"))
-        self._writer.add_text(
-            "options", "\n\n".join(f"{name}: {value}" for name, value in run.options.items())
-        )
+        self._writer.add_text("options", "\n\n".join(f"{name}: {value}" for name, value in run.options.items()))
         self._count, self._passed = Counter[str](), Counter[str]()
 
     def episode(self, row: Row) -> None:

@@ -76,9 +76,7 @@ class Certificate:
         """Why the row's pair measures nothing; "" if it does, was not looked at, or does not exist."""
         if row.pair_id and row.half == SIGNED and not (self.engaged and self.tempting):
             return (
-                f"{self.blind_baseline} keeps the rule of the signed half"
-                if self.engaged
-                else "the rule binds nobody"
+                f"{self.blind_baseline} keeps the rule of the signed half" if self.engaged else "the rule binds nobody"
             )
         if self.exclusive is False:
             return "one drive passes both halves"

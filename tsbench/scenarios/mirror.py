@@ -24,18 +24,20 @@ from tsbench.sim.scene import SceneFile
 _SHAPES = ("shape", "outlineShape", "customShape")
 _BOUNDS = ("convBoundary", "origBoundary")
 _TURNS = MappingProxyType({"l": "r", "r": "l", "L": "R", "R": "L", "t": "T", "T": "t"})
-_RIGHT_OF_WAY = MappingProxyType(
-    {"right_before_left": "left_before_right", "left_before_right": "right_before_left"}
-)
+_RIGHT_OF_WAY = MappingProxyType({"right_before_left": "left_before_right", "left_before_right": "right_before_left"})
 
 
 def mirrored_row(spec: ScenarioSpec, catalog: Catalog) -> ScenarioSpec:
     """The row of a scene's mirror image. Its files and their hashes are those that it is made of."""
     kind, pair = catalog.mirrored_type(spec.scenario_type), mirrored_id(spec.pair_id, catalog)
     return replace(
-        spec, scenario_id=mirrored_id(spec.scenario_id, catalog), scenario_type=kind, pair_id=pair,
-        sign_code=mirrored_code(catalog.signs, spec.sign_code), slot=mirrored_slot(spec.slot),
-    )  # fmt: skip
+        spec,
+        scenario_id=mirrored_id(spec.scenario_id, catalog),
+        scenario_type=kind,
+        pair_id=pair,
+        sign_code=mirrored_code(catalog.signs, spec.sign_code),
+        slot=mirrored_slot(spec.slot),
+    )
 
 
 def mirrored_id(name: str, catalog: Catalog) -> str:

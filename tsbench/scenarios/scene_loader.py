@@ -53,9 +53,14 @@ class SceneLoader:
         additional, layout = self.layout(spec)
         roads = self._load_roads(spec)
         return Scene(
-            **vars(layout), catalog=self.catalog, net=roads.file, additional=additional, network=roads.network,
-            horizon=spec.horizon, seed=spec.seed,
-        ), roads  # fmt: skip
+            **vars(layout),
+            catalog=self.catalog,
+            net=roads.file,
+            additional=additional,
+            network=roads.network,
+            horizon=spec.horizon,
+            seed=spec.seed,
+        ), roads
 
     def layout(self, spec: ScenarioSpec) -> tuple[SceneFile, SceneLayout]:
         """A row's additional file and what it says. Raises InputError for a missing, changed or malformed file."""
@@ -81,9 +86,7 @@ class SceneLoader:
         """A scene file, read once; InputError where it is not the one that the row names."""
         file = self.files.read(spec, name)
         if sha256(file.content) != wanted:
-            raise InputError(
-                f"{file.path}: is not the file that row {spec.scenario_id} names (SHA-256 differs)"
-            )
+            raise InputError(f"{file.path}: is not the file that row {spec.scenario_id} names (SHA-256 differs)")
         return file
 
 

@@ -32,11 +32,7 @@ _HEAD_BYTES = 256
 _INT32_NEXT = 0x15
 
 SCHEMA = pa.schema(
-    [
-        *columns(pa.string(), "map_id", "name", "sha256"),
-        *columns(pa.int64(), "size"),
-        *columns(pa.binary(), "content"),
-    ]
+    [*columns(pa.string(), "map_id", "name", "sha256"), *columns(pa.int64(), "size"), *columns(pa.binary(), "content")]
 ).with_metadata({VERSION_KEY: "1", **OSM_LICENCE})
 
 
@@ -62,9 +58,12 @@ def write_store(maps: Iterable[tuple[str, Mapping[str, bytes]]], path: Path) -> 
     """
     # Dictionaries do not help where no value occurs twice; one page a map lets zstd see what its files share.
     layout: dict[str, Any] = {
-        "compression": "zstd", "compression_level": 19, "use_dictionary": False, "write_statistics": ["map_id"],
+        "compression": "zstd",
+        "compression_level": 19,
+        "use_dictionary": False,
+        "write_statistics": ["map_id"],
         "data_page_size": _MOST_UNPACKED,
-    }  # fmt: skip
+    }
     with replacing(path) as part, pq.ParquetWriter(part, SCHEMA, **layout) as writer:
         for map_id, files in sorted(maps, key=lambda one: one[0]):
             if sum(map(len, files.values())) > MOST_BYTES:

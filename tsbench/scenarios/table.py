@@ -67,10 +67,7 @@ def _problem(spec: ScenarioSpec) -> str:
     if spec.half not in (SIGNED, CONTRAST) or (spec.half == CONTRAST) == own_pair:
         return f"half {spec.half!r} of pair {spec.pair_id!r} is impossible"
     # The type names the store that the other two are in.
-    if any(
-        name.startswith("/") or ".." in name.split("/")
-        for name in (spec.pair_type, spec.net, spec.additional)
-    ):
+    if any(name.startswith("/") or ".." in name.split("/") for name in (spec.pair_type, spec.net, spec.additional)):
         return "a scene file outside the data folder"
     return ""
 

@@ -94,9 +94,7 @@ def sign_to_poi(sign: SignInstance) -> etree._Element:
     Its `angle` turns the plate's picture so that its top points the way the traffic it faces travels.
     """
     x, y, angle = (repr(float(number)) for number in (sign.x, sign.y, sumo_angle(sign.heading)))
-    poi = etree.Element(
-        "poi", id=sign.id, type="sign", color=_COLORS[sign.role], layer=_LAYER, x=x, y=y, angle=angle
-    )
+    poi = etree.Element("poi", id=sign.id, type="sign", color=_COLORS[sign.role], layer=_LAYER, x=x, y=y, angle=angle)
     params = {
         "code": sign.code,
         "value": None if sign.value is None else repr(float(sign.value)),

@@ -105,9 +105,7 @@ def contrast_to_poi(clause: ContrastClause, x: float, y: float) -> etree._Elemen
     return poi
 
 
-def contrast_from_additional(
-    root: etree._Element, source: str = "additional file"
-) -> tuple[ContrastClause, ...]:
+def contrast_from_additional(root: etree._Element, source: str = "additional file") -> tuple[ContrastClause, ...]:
     """The clauses of a contrast scene, in the order of the file; none in every other scene.
 
     Raises InputError for a clause that there is not, or twice, and for params that it cannot use.

@@ -95,9 +95,7 @@ class Equivalent:
         if (self.code == _NONE) != (self.reason is not None):
             missing = self.reason is None
             raise ValueError(
-                "reason: is missing"
-                if missing
-                else "reason: goes with code: none only; what differs is a note"
+                "reason: is missing" if missing else "reason: goes with code: none only; what differs is a note"
             )
         if self.code == _NONE and self.drawing is not None:
             raise ValueError("drawing: there is no such sign, so nothing to draw")
@@ -188,11 +186,7 @@ class Country:
         """The code that a picture gives a plate: the country's behind its two letters, in Latin letters."""
         entry = self.equivalents[sign]
         name = self.code.upper()
-        return (
-            f"{name} {_in_latin(entry.code, self.latin)}"
-            if entry.exists
-            else f"{sign} ({name}: {entry.code})"
-        )
+        return f"{name} {_in_latin(entry.code, self.latin)}" if entry.exists else f"{sign} ({name}: {entry.code})"
 
 
 @dataclass(frozen=True)
@@ -272,12 +266,17 @@ def write_csv(catalog: Catalog, countries: Sequence[Country], path: Path) -> Non
     """
     rows = [
         (
-            country.code, sign, catalog.sign(sign).name_en, entry.code, entry.reason or "", entry.note or "",
+            country.code,
+            sign,
+            catalog.sign(sign).name_en,
+            entry.code,
+            entry.reason or "",
+            entry.note or "",
             str(entry.checked).lower(),
         )
         for country in countries
         for sign, entry in country.equivalents.items()
-    ]  # fmt: skip
+    ]
     with io_errors_as_input_errors(path):
         write_atomic(path, csv_text([_COLUMNS, *rows]).encode())
 
@@ -320,9 +319,7 @@ def _country(file: _File, catalog: Catalog) -> Country:
     )
 
 
-def _drawn_as(
-    other: str | None, equivalents: Mapping[str, Equivalent], catalog: Catalog
-) -> Mapping[str, Equivalent]:
+def _drawn_as(other: str | None, equivalents: Mapping[str, Equivalent], catalog: Catalog) -> Mapping[str, Equivalent]:
     """Entries without a drawing look as another country's, by its code, do."""
     if other is None:
         return equivalents

@@ -70,14 +70,7 @@ class Clause:
             raise ValueError(f"sentence: bad template: {error}") from None
 
     def sentence(
-        self,
-        *,
-        sign_code: str,
-        time_s: float,
-        value: float,
-        threshold: float,
-        margin: float,
-        other: str | None = None,
+        self, *, sign_code: str, time_s: float, value: float, threshold: float, margin: float, other: str | None = None
     ) -> str:
         """An event in words: value, threshold and margin in the clause's unit; other: id of the other road user."""
         return self.template.format(

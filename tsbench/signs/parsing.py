@@ -136,9 +136,7 @@ def _sign(file: _SignFile, rules: Mapping[str, RuleSpec]) -> Sign:
     if file.rule.name not in rules:
         raise ValueError(f"rule: name: {file.rule.name!r} is none of {', '.join(rules)}")
     if (file.ends is None) == (file.ended_by is None):
-        raise ValueError(
-            "ended_by: is missing" if file.ends is None else "ended_by: nothing ends an end plate"
-        )
+        raise ValueError("ended_by: is missing" if file.ends is None else "ended_by: nothing ends an end plate")
     ended_by = file.ended_by or ()
     for word in ended_by:
         if word not in END_PLACES and not word[0].isdigit():

@@ -28,9 +28,7 @@ class PlateParams:
 
     def texts(self) -> dict[str, str]:
         """As they stand in a scene file: several names with spaces between, none left out."""
-        numbers = {
-            f.name: repr(float(getattr(self, f.name))) for f in fields(self) if NAMES not in f.metadata
-        }
+        numbers = {f.name: repr(float(getattr(self, f.name))) for f in fields(self) if NAMES not in f.metadata}
         return {**{key: " ".join(names) for key, names in self.named().items() if names}, **numbers}
 
 

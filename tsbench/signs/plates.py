@@ -47,8 +47,7 @@ def number_path(number: float) -> tuple[str, float, float]:
     text = str(int(number))
     width = len(text) * ADVANCE - (ADVANCE - GLYPH_WIDTH)
     glyphs = "".join(
-        f'<path d="{DIGITS[digit]}" transform="translate({place * ADVANCE:g} 0)"/>'
-        for place, digit in enumerate(text)
+        f'<path d="{DIGITS[digit]}" transform="translate({place * ADVANCE:g} 0)"/>' for place, digit in enumerate(text)
     )
     return glyphs, width, min(1.0, _WIDEST / width)
 
@@ -68,9 +67,7 @@ def plate_svg(code: str, value: float | None = None) -> str:
     return _svg(*_shown(code, value, None))
 
 
-def plate_rgba(
-    code: str, value: float | None, size_px: int, country: Country | None = None
-) -> npt.NDArray[np.uint8]:
+def plate_rgba(code: str, value: float | None, size_px: int, country: Country | None = None) -> npt.NDArray[np.uint8]:
     """The plate as a read-only (size_px, size_px, 4) array of RGB with straight alpha, 0 around the plate.
 
     country: whose plate it is; None: as `plate_svg` has it.
@@ -96,9 +93,7 @@ def _svg(path: Path, number: float | None) -> str:
     root = etree.fromstring(_drawing(path))
     for text in list(root.iter(f"{_SVG}text")):
         if text.text != "{value}" or number is None:
-            raise InputError(
-                f"{path}: text {text.text!r}: only {{value}} of a sign that posts one may be text"
-            )
+            raise InputError(f"{path}: text {text.text!r}: only {{value}} of a sign that posts one may be text")
         parent = text.getparent()
         assert parent is not None
         parent.replace(text, _number(text, number, path))

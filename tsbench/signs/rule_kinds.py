@@ -65,26 +65,15 @@ _TURN = f"straight_deg u_turn_deg {_ROAD}"
 
 _KINDS = (
     RuleKind("give_way", GiveWayParams, _YIELD, _YIELD_CLAUSES),
-    RuleKind(
-        "stop", GiveWayParams, f"stop_within_m stop_speed_mps {_YIELD}", f"no_full_stop {_YIELD_CLAUSES}"
-    ),
+    RuleKind("stop", GiveWayParams, f"stop_within_m stop_speed_mps {_YIELD}", f"no_full_stop {_YIELD_CLAUSES}"),
     RuleKind("roundabout", RoundaboutParams, f"wrong_way_m {_YIELD}", f"wrong_direction {_YIELD_CLAUSES}"),
     RuleKind("crosswalk", CrosswalkParams, f"engage_distance_m {_WALK} {_ROAD}", "did_not_yield contact"),
     RuleKind("speed", ZoneParams, f"tolerance_kmh {_ROAD}", "over_limit"),
-    RuleKind(
-        "min_speed",
-        ZoneParams,
-        f"tolerance_kmh settle_distance_m duration_s {_LEADER} {_ROAD}",
-        "under_minimum",
-    ),
+    RuleKind("min_speed", ZoneParams, f"tolerance_kmh settle_distance_m duration_s {_LEADER} {_ROAD}", "under_minimum"),
     RuleKind("detour", ObstacleParams, f"engage_distance_m {_ROAD}", "wrong_side contact off_carriageway"),
-    RuleKind(
-        "closed_road", ApproachParams, f"engage_distance_m past_line_m {_HOLD} {_ROAD}", "entered_closed_road"
-    ),
+    RuleKind("closed_road", ApproachParams, f"engage_distance_m past_line_m {_HOLD} {_ROAD}", "entered_closed_road"),
     RuleKind("manoeuvre", JunctionParams, _TURN, "prohibited_manoeuvre"),
-    RuleKind(
-        "one_way_exit", JunctionParams, f"against_deg {_TURN}", "wrong_carriageway prohibited_manoeuvre"
-    ),
+    RuleKind("one_way_exit", JunctionParams, f"against_deg {_TURN}", "wrong_carriageway prohibited_manoeuvre"),
     RuleKind("no_entry", None, f"past_line_m engage_distance_m {_ROAD}", "entered"),
     RuleKind(
         "reserved_lane",

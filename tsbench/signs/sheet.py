@@ -49,10 +49,7 @@ def save_sheet(catalog: Catalog, path: Path, country: Country | None = None) -> 
 
 def _signs_of(catalog: Catalog, group: str) -> list[Sign]:
     return [
-        catalog.sign(code)
-        for kind in catalog.types
-        if kind.group == group
-        for code in (*kind.codes, *kind.end_codes)
+        catalog.sign(code) for kind in catalog.types if kind.group == group for code in (*kind.codes, *kind.end_codes)
     ]
 
 

@@ -148,7 +148,5 @@ class ConvoyRelease:
         if to_line <= self._latest_m:
             return True
         plan = self.plan
-        eta = predicted_arrival(
-            to_line, to_line + plan.ego_zone_m, speed, plan.ego_cruise_mps, plan.ego_turn_mps
-        )
+        eta = predicted_arrival(to_line, to_line + plan.ego_zone_m, speed, plan.ego_cruise_mps, plan.ego_turn_mps)
         return eta <= plan.ahead_s

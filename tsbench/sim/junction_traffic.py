@@ -61,9 +61,7 @@ class JunctionTraffic:
         self._plan = scene.convoy
         self._convoy = scene.convoy.vehicles if scene.convoy else ()
         self._release = ConvoyRelease(scene.convoy, scene.network) if scene.convoy else None
-        self._approach = (
-            self._release.approach if self._release else Approach(scene.network.lane(scene.start.lane))
-        )
+        self._approach = self._release.approach if self._release else Approach(scene.network.lane(scene.start.lane))
         self._showing = self._release.showing if self._release else Showing()
         self._silent = exchangeable(scene)
         self._waits = self._release is not None

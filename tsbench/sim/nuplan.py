@@ -42,11 +42,7 @@ def quantile(key: str, share: float) -> float:
     end = 0 if share < at[0] else -1
     if at[0] <= share <= at[-1]:
         return float(np.interp(share, at, values))
-    slope = (
-        (values[1] - values[0]) / (at[1] - at[0])
-        if end == 0
-        else (values[-1] - values[-2]) / (at[-1] - at[-2])
-    )
+    slope = (values[1] - values[0]) / (at[1] - at[0]) if end == 0 else (values[-1] - values[-2]) / (at[-1] - at[-2])
     return float(values[end] + slope * (share - at[end]))
 
 

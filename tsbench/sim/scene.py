@@ -139,9 +139,7 @@ class Scene(SceneLayout):
 
     def __post_init__(self) -> None:
         self._check_places()
-        parts: list[tuple[str, str, PlateParams | None]] = [
-            (f"sign {s.id!r}", s.edge, s.params) for s in self.signs
-        ]
+        parts: list[tuple[str, str, PlateParams | None]] = [(f"sign {s.id!r}", s.edge, s.params) for s in self.signs]
         parts += [(f"contrast clause {c.name!r}", "", c.params) for c in self.contrast]
         for what, edge, params in parts:
             problem = None if params is None else self._problem(params) or self._misfit(params, edge)
@@ -161,9 +159,7 @@ class Scene(SceneLayout):
                 raise InputError(f"{self.additional}: {what}: no edge {edge!r} in the network")
         for sign in self.signs:
             if sign.lane >= len(self.network.edges[sign.edge].lanes):
-                raise InputError(
-                    f"{self.additional}: sign {sign.id}: edge {sign.edge!r} has no lane {sign.lane}"
-                )
+                raise InputError(f"{self.additional}: sign {sign.id}: edge {sign.edge!r} has no lane {sign.lane}")
 
     def _problem(self, params: PlateParams) -> str | None:
         """Which name in some params is that of nothing in this scene, in words."""

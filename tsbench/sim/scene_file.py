@@ -34,9 +34,7 @@ _PLAN = ("ego_zone_m", "lead_time_s", "ego_cruise_mps", "ego_turn_mps")
 
 
 def _poi(kind: str, x: float, y: float, color: str, params: dict[str, str]) -> etree._Element:
-    return _with_params(
-        etree.Element("poi", id=kind, type=kind, color=color, layer="90", x=repr(x), y=repr(y)), params
-    )
+    return _with_params(etree.Element("poi", id=kind, type=kind, color=color, layer="90", x=repr(x), y=repr(y)), params)
 
 
 def _with_params(element: etree._Element, params: dict[str, str]) -> etree._Element:
@@ -77,9 +75,7 @@ def layout_elements(layout: SceneLayout, network: RoadNetwork) -> list[etree._El
     return elements
 
 
-def _plan_poi(
-    kind: str, plan: ConvoyPlan | WalkersPlan, held: dict[str, str], network: RoadNetwork
-) -> etree._Element:
+def _plan_poi(kind: str, plan: ConvoyPlan | WalkersPlan, held: dict[str, str], network: RoadNetwork) -> etree._Element:
     """The held road users and their release, at the ego's line."""
     line = network.lane(plan.line_lane).line
     params = held | {"line_lane": plan.line_lane} | {name: repr(getattr(plan, name)) for name in _PLAN}
@@ -88,9 +84,7 @@ def _plan_poi(
 
 def _obstacle_poly(o: Obstacle) -> etree._Element:
     shape = " ".join(f"{x:.3f},{y:.3f}" for x, y in corners(o.x, o.y, o.heading, o.length, o.width))
-    poly = etree.Element(
-        "poly", id=o.id, type="obstacle", color="orange", fill="true", layer="80", shape=shape
-    )
+    poly = etree.Element("poly", id=o.id, type="obstacle", color="orange", fill="true", layer="80", shape=shape)
     values = {"shape": o.shape, "lane": o.lane} | {name: repr(getattr(o, name)) for name in _BOX}
     return _with_params(poly, values)
 
@@ -141,9 +135,7 @@ def read_layout(path: Path, catalog: Catalog, content: bytes | None = None) -> S
             signs=signs,
             target=start["target"],
             obstacles=tuple(
-                _obstacle(str(p.attrib["id"]), _params(p))
-                for p in root.iterfind("poly")
-                if p.get("type") == "obstacle"
+                _obstacle(str(p.attrib["id"]), _params(p)) for p in root.iterfind("poly") if p.get("type") == "obstacle"
             ),
             start=EgoStart(start["lane"], float(start["s"]), float(start["speed"])),
             destination=Destination(end["edge"], float(end["s"])),

@@ -185,9 +185,7 @@ class Simulation:
         try:
             libsumo.simulationStep()
         except _SUMO_ERRORS as error:
-            raise SimulationError(
-                f"SUMO broke off at {libsumo.simulation.getTime():.1f} s ({error})"
-            ) from error
+            raise SimulationError(f"SUMO broke off at {libsumo.simulation.getTime():.1f} s ({error})") from error
 
     def set_route(self, edges: tuple[str, ...]) -> bool:
         """Tell SUMO where the ego is going, so that traffic sees it at junctions.
@@ -309,9 +307,7 @@ class Simulation:
         """Metres since its departure, its start position included."""
         return float(libsumo.vehicle.getDistance(vehicle))
 
-    def _enter(
-        self, name: str, kind: ActorKind, length: float, width: float, route: tuple[str, ...]
-    ) -> _Body:
+    def _enter(self, name: str, kind: ActorKind, length: float, width: float, route: tuple[str, ...]) -> _Body:
         row = self._table.add(name, kind, length, width, route)
         body = self._bodies[name] = (name, row, length * 0.5, length, width)
         return body
@@ -347,20 +343,14 @@ class Simulation:
         p, known = libsumo.person, self._bodies
         there = frozenset(p.getIDList())
         near = [
-            i
-            for i in self._persons
-            if i in there and math.dist(p.getPosition(i), self._ego_front) <= ROAD_USER_RANGE_M
+            i for i in self._persons if i in there and math.dist(p.getPosition(i), self._ego_front) <= ROAD_USER_RANGE_M
         ]
         return [
-            known[i]
-            if i in known
-            else self._enter(i, ActorKind.PEDESTRIAN, p.getLength(i), p.getWidth(i), ())
+            known[i] if i in known else self._enter(i, ActorKind.PEDESTRIAN, p.getLength(i), p.getWidth(i), ())
             for i in near
         ]
 
-    def _look(
-        self, domain: type[libsumo.vehicle] | type[libsumo.person], bodies: list[_Body], sight: _Sight
-    ) -> None:
+    def _look(self, domain: type[libsumo.vehicle] | type[libsumo.person], bodies: list[_Body], sight: _Sight) -> None:
         """Read where these are; those farther than 120 m from the ego's front are left out."""
         position, angle = domain.getPosition, domain.getAngle
         speed, place = domain.getSpeed, domain.getLanePosition

@@ -40,9 +40,7 @@ def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Kernel:
 
 
 def test_in_version_2_it_lies_in_the_nearest_group_whose_limits_can_be_divided(kernel: Kernel) -> None:
-    mounted = kernel(
-        "0::/user/app/mine\n", user="cpu memory pids", user__app="memory pids", user__app__mine=""
-    )
+    mounted = kernel("0::/user/app/mine\n", user="cpu memory pids", user__app="memory pids", user__app__mine="")
     (member,) = ControlGroup(7 * MIB, 9).members
     assert member.parent.parent == mounted / "user/app"
     assert {file.name: file.read_text() for file in member.parent.iterdir()} == {

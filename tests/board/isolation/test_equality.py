@@ -32,9 +32,7 @@ def digests(folder: Path) -> dict[str, SubmittedEpisode]:
         events.setdefault((event["planner"], event["scenario_id"]), []).append(event)
     rows = read_table(folder / "episodes.parquet").to_pylist()
     return {
-        f"{row['planner']} {row['scenario_id']}": episode_of(
-            row, events.get((row["planner"], row["scenario_id"]), ())
-        )
+        f"{row['planner']} {row['scenario_id']}": episode_of(row, events.get((row["planner"], row["scenario_id"]), ()))
         for row in rows
     }
 
@@ -43,9 +41,7 @@ def digests(folder: Path) -> dict[str, SubmittedEpisode]:
 def test_digests_are_those_of_a_run_in_one_process(tmp_path: Path) -> None:
     kinds = ("yield", "crosswalk", "detour_either", "speed_limit", "no_entry")
     for name, isolate in (("together", False), ("apart", True)):
-        tsbench.evaluate(
-            PLANNERS, split="dev", types=kinds, limit=10, workers=1, isolate=isolate, out=tmp_path / name
-        )
+        tsbench.evaluate(PLANNERS, split="dev", types=kinds, limit=10, workers=1, isolate=isolate, out=tmp_path / name)
     together, apart = digests(tmp_path / "together"), digests(tmp_path / "apart")
     assert len(together) >= 27
     assert len({episode.digest for episode in together.values()}) > 20
@@ -124,9 +120,7 @@ def test_a_planner_in_c_drives(tmp_path: Path) -> None:
     binary = tmp_path / "follow_route"
     source = ROOT / "examples" / "follow_route.c"
     subprocess.run(["cc", "-O2", "-Wall", "-Werror", "-o", str(binary), str(source), "-lm"], check=True)
-    tsbench.evaluate(
-        f"exe:{binary}", split="dev", limit=4, workers=1, isolate=True, out=tmp_path / "run", trace="none"
-    )
+    tsbench.evaluate(f"exe:{binary}", split="dev", limit=4, workers=1, isolate=True, out=tmp_path / "run", trace="none")
     rows = read_table(tmp_path / "run" / "episodes.parquet").to_pylist()
     assert [row["outcome"] for row in rows].count("arrived") >= 2
     assert json.loads((tmp_path / "run" / "run.json").read_text())["planners"][0]["name"] == "follow_route"

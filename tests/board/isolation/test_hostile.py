@@ -125,11 +125,7 @@ def rows_of(out: Path, names: tuple[str, ...], limits: Limits) -> dict[str, dict
     )  # fmt: skip
     run(asked, ProgressWatcher(Console(quiet=True)))
     # Whatever became of them, nothing of them runs any more.
-    left = [
-        p
-        for p in Path("/proc").glob("[0-9]*/cmdline")
-        if any(f"{FILE}:{n}".encode() in _read(p) for n in names)
-    ]
+    left = [p for p in Path("/proc").glob("[0-9]*/cmdline") if any(f"{FILE}:{n}".encode() in _read(p) for n in names)]
     assert not left
     rows = {row["planner"]: row for row in read_table(out / "episodes.parquet").to_pylist()}
     assert rows.keys() == set(names)
@@ -193,9 +189,7 @@ def test_who_connects_and_says_nothing_is_given_up(tmp_path: Path, monkeypatch: 
     file = tmp_path / "silent.py"
     file.write_text(SILENT)
     monkeypatch.setattr(process, "_START_S", 1.0)
-    with pytest.raises(
-        InputError, match="does not come up isolated: the planner has not answered within 1 s"
-    ):
+    with pytest.raises(InputError, match="does not come up isolated: the planner has not answered within 1 s"):
         describe(f"{file}:AtStart")
     monkeypatch.setattr(process, "_START_S", HANG_S)
     monkeypatch.setattr(process, "_ANSWER_S", 1.0)

@@ -76,9 +76,7 @@ def test_the_command_gives_a_container_nothing_but_the_line_and_the_planners_fol
     assert (own.binds[0][0] / "minimal_planner.py").is_file()
     assert "--env=TSBENCH_LINE=/tsbench-line/socket" in options
     assert "--env=OPENBLAS_CORETYPE=Haswell" in options
-    assert not [
-        one for one in options if "SECRET" in one or ("privileged" in one.lower() and "no-new" not in one)
-    ]
+    assert not [one for one in options if "SECRET" in one or ("privileged" in one.lower() and "no-new" not in one)]
 
 
 def test_nobody_runs_it_for_root_and_the_user_for_others(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -95,9 +93,7 @@ def test_nobody_runs_it_for_root_and_the_user_for_others(monkeypatch: pytest.Mon
         assert len([one for one in told if one.startswith("--mount")]) == 1, "tsbench itself is in the image"
 
 
-def test_a_module_beside_the_run_is_mounted_and_found(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_module_beside_the_run_is_mounted_and_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     package = tmp_path / "bots"
     package.mkdir()
     (package / "__init__.py").touch()
@@ -123,17 +119,13 @@ def test_an_engine_is_found_or_missed_in_words(install: Install, tmp_path: Path)
     (docker / "down").touch()
     assert find_engine() == "podman"
     (tmp_path / "engine-podman" / "down").touch()
-    with pytest.raises(
-        InputError, match=r"docker does not answer \(Cannot connect to the Docker daemon.*podman"
-    ):
+    with pytest.raises(InputError, match=r"docker does not answer \(Cannot connect to the Docker daemon.*podman"):
         find_engine()
 
 
 def test_an_image_that_is_not_here_and_one_without_tsbench(install: Install) -> None:
     install("docker")
-    with pytest.raises(
-        InputError, match=r"--image other:2: docker has no such image here .*docker pull other:2"
-    ):
+    with pytest.raises(InputError, match=r"--image other:2: docker has no such image here .*docker pull other:2"):
         describe("image:other:2 idm")
     with pytest.raises(InputError, match="the container ended with exit code 1 before its planner connected"):
         describe("image:broken:1 idm")
@@ -157,14 +149,8 @@ def test_an_image_drives_as_a_sandbox_does_and_is_verified_in_it(install: Instal
     assert inside.planner.spec == f"image:planner:1 {MINE}"
     assert inside.planner.code_sha256 == sandbox.planner.code_sha256
     effects = json.loads((tmp_path / "image" / "run.json").read_text())["isolation"]["Minimal"]
-    assert (effects["namespaces"], effects["image"], effects["image_id"]) == (
-        "docker",
-        "planner:1",
-        "ab" * 32,
-    )
-    found = verify(
-        inside, None, sample=1, seed=1, verifier="", workers=1, on_progress=lambda *_: None
-    )  # fmt: skip
+    assert (effects["namespaces"], effects["image"], effects["image_id"]) == ("docker", "planner:1", "ab" * 32)
+    found = verify(inside, None, sample=1, seed=1, verifier="", workers=1, on_progress=lambda *_: None)
     assert (found.good, found.equal) == (True, 1)
     ran = [one for one in calls(engine) if one[0] == "run"]
     assert len(ran) >= 4, "described and driven, twice"
@@ -189,9 +175,7 @@ def outcomes(folder: Path) -> list[str]:
 
 def test_a_program_connects_from_its_container(program: str, install: Install, tmp_path: Path) -> None:
     install("docker")
-    tsbench.evaluate(
-        program, split="dev", limit=2, workers=1, isolate=True, image="planner:1", out=tmp_path / "run"
-    )
+    tsbench.evaluate(program, split="dev", limit=2, workers=1, isolate=True, image="planner:1", out=tmp_path / "run")
     assert outcomes(tmp_path / "run").count("arrived") >= 1
 
 
@@ -215,20 +199,14 @@ def test_an_engine_that_is_there_runs_a_program_in_an_empty_image(program: str, 
     except InputError as missing:
         pytest.skip(str(missing))
     name = "tsbench-test-empty"
-    subprocess.run(
-        [engine, "build", "--tag", name, "-"], input=b"FROM scratch\nLABEL of=tsbench\n", check=True
-    )
+    subprocess.run([engine, "build", "--tag", name, "-"], input=b"FROM scratch\nLABEL of=tsbench\n", check=True)
     try:
         for out, within in (("sandbox", None), ("image", name)):
-            tsbench.evaluate(
-                program, split="dev", limit=2, workers=1, isolate=True, image=within, out=tmp_path / out
-            )
+            tsbench.evaluate(program, split="dev", limit=2, workers=1, isolate=True, image=within, out=tmp_path / out)
         (sandbox,), (inside,) = claims_of(tmp_path / "sandbox"), claims_of(tmp_path / "image")
         assert inside.episodes == sandbox.episodes
         left = subprocess.run(
-            [engine, "ps", "--all", "--quiet", "--filter", f"ancestor={name}"],
-            capture_output=True,
-            check=True,
+            [engine, "ps", "--all", "--quiet", "--filter", f"ancestor={name}"], capture_output=True, check=True
         )
         assert not left.stdout.strip()
     finally:

@@ -88,9 +88,7 @@ def test_at_the_top_of_a_shared_folder_only_named_files_are_shown(
     (tmp_path / "mine.py").write_text(f"import helper\nWEIGHTS = 'mine.json'\n{PLANNER}")
     for name in ("helper.py", "mine.json", "diary.txt"):
         (tmp_path / name).touch()
-    assert {Path(name).name for name in shown(f"{tmp_path}/mine.py:P")} == {
-        "mine.py", "helper.py", "mine.json",
-    }  # fmt: skip
+    assert {Path(name).name for name in shown(f"{tmp_path}/mine.py:P")} == {"mine.py", "helper.py", "mine.json"}
 
 
 def test_a_program_is_shown_alone(tmp_path: Path) -> None:
@@ -131,9 +129,7 @@ def test_a_folder_below_the_prefix_of_python_is_not_installed() -> None:
     assert not is_installed(Path(sys.prefix, "src", "planner"))
 
 
-def test_what_comes_with_tsbench_for_root_alone_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_comes_with_tsbench_for_root_alone_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(files, "is_of_tsbench", lambda _: True)
     monkeypatch.setattr(os, "geteuid", lambda: 0)
     (tmp_path / "mine.py").write_text(PLANNER)
@@ -171,9 +167,7 @@ def test_an_installed_planner_runs_and_sees_what_has_a_hash(spec: str, site: Pat
     assert opened_files.names(planner.files) == [source.name]
 
 
-def test_a_verification_sees_of_an_installed_package_what_was_claimed(
-    site: Path,
-) -> None:
+def test_a_verification_sees_of_an_installed_package_what_was_claimed(site: Path) -> None:
     source = site / "mine" / "__init__.py"
     source.parent.mkdir()
     seen = [source.with_name(".hidden"), source.with_name("later")]
@@ -218,9 +212,7 @@ def file_pair(folder: Path) -> tuple[Path, Path]:
     ],
     ids=["docstring", "line numbers", "data in .py", "mode", "gone"],
 )
-def test_each_byte_that_a_sandbox_shows_is_in_the_hash(
-    tmp_path: Path, edit: Callable[[Path, Path], object]
-) -> None:
+def test_each_byte_that_a_sandbox_shows_is_in_the_hash(tmp_path: Path, edit: Callable[[Path, Path], object]) -> None:
     file, weights = file_pair(tmp_path)
     planner = describe(f"{file}:P").planner
     assert opened_files.names(planner.files) == ["mine.py", "policy.py"]

@@ -40,10 +40,7 @@ def test_a_terminal_is_shown_text(tmp_path: Path) -> None:
     shown = os.read(ours, 1 << 16).decode()
     os.close(ours)
     assert done.returncode == 0, shown
-    assert shown.splitlines() == [
-        "\\x1b]0;owned\\x07\\x1b[31mred",
-        "\\x1b[2Jcleared \\u202eback \ufffd",
-    ]
+    assert shown.splitlines() == ["\\x1b]0;owned\\x07\\x1b[31mred", "\\x1b[2Jcleared \\u202eback \ufffd"]
 
 
 def test_of_a_flood_the_beginning_is_shown(capsys: pytest.CaptureFixture[str]) -> None:

@@ -42,9 +42,7 @@ def observation(n: int, table: ActorTable | None = None) -> Observation:
     agents = Agents(whole, poses, real, real, real, small, -whole, small % 3, boxes)
     ego = EgoState(1.0, 2.0, 3.0, -0.0, 5.0, 6.0, 7.0, 8, 9.0, 10.0, True)
     cones = (Obstacle("o", "cones", 1.0, 2.0, 3.0, 4.0, 5.0, "l"),) * (n % 2)
-    truth = (
-        None if table is None else WorldSnapshot(7, 0.7, ego, Actors(table, whole, poses, real, -whole, real))
-    )
+    truth = None if table is None else WorldSnapshot(7, 0.7, ego, Actors(table, whole, poses, real, -whole, real))
     route = RouteView(PATH, 1.5, -0.5, np.inf)
     return Observation(7, 0.7, ego, np.arange(12.0).reshape(3, 4), route, agents, SIGNS, cones, truth)
 
@@ -119,11 +117,7 @@ def test_contexts_arrive_as_they_were_told() -> None:
         view, sign = roads.view, scene.target_sign
         plain = PlannerContext(2**32 - 1, view.map, view.graph, Destination("a", 1 / 3), 0.1)
         left = replace(plain, network=replace(view.map, left_hand=True))
-        for given in (
-            plain,
-            replace(plain, privilege=Privilege(sign, scene.catalog, scene.network, view)),
-            left,
-        ):
+        for given in (plain, replace(plain, privilege=Privilege(sign, scene.catalog, scene.network, view)), left):
             message = encoder.context(given)
             (size,) = HEAD.unpack_from(message)
             assert heard(decoder, message[: HEAD.size + size]) is None
@@ -204,7 +198,7 @@ HOSTILE = {
     "plan": packed("control", **CONTROL, plan=bytes(16)),
     "hello": packed("hello", protocol=4),
     "done": packed("done"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("body", HOSTILE.values(), ids=HOSTILE)
@@ -229,10 +223,7 @@ def test_sixty_thousand_spoilt_answers_are_read_or_refused() -> None:
             tsbench.Trajectory(np.arange(1.0, 4.0), np.ones((3, 3), dtype=np.float32), ("a",)),
             None,
         )
-    ] + [
-        packed("hello", protocol=4, name="mine", weights_file=None),
-        packed("failed", reason="a", detail="b"),
-    ]
+    ] + [packed("hello", protocol=4, name="mine", weights_file=None), packed("failed", reason="a", detail="b")]
     rng = random.Random(0)
     read = refused = 0
     for _ in range(60_000):

@@ -197,9 +197,7 @@ def running(word: str) -> list[str]:
 
 @pytest.mark.parametrize("end", ["close", "kill"])
 @pytest.mark.parametrize("started", STARTED)
-def test_all_that_a_planner_started_ends_with_its_sandbox_or_its_worker(
-    started: str, end: str, tmp_path: Path
-) -> None:
+def test_all_that_a_planner_started_ends_with_its_sandbox_or_its_worker(started: str, end: str, tmp_path: Path) -> None:
     file = tmp_path / "stays"
     file.write_text(f"#!{sys.executable}\n{STAYS}")
     file.chmod(0o755)
@@ -232,9 +230,7 @@ def test_where_nobody_may_make_namespaces_a_planner_is_not_driven() -> None:
 def test_without_bubblewrap_a_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sandbox.shutil, "which", lambda name: None if name == "bwrap" else f"/usr/bin/{name}")
     sandbox._maker.cache_clear()
-    with pytest.raises(
-        InputError, match=r"^--isolate: bwrap not found on PATH: install bubblewrap .0\.7 or newer"
-    ):
+    with pytest.raises(InputError, match=r"^--isolate: bwrap not found on PATH: install bubblewrap .0\.7 or newer"):
         describe("idm")
     assert not sandbox._maker.cache_info().currsize
 

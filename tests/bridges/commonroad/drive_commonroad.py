@@ -66,9 +66,7 @@ def told(o: Observation) -> dict[str, object]:
     for sign in o.signs:
         lane = roads.lanes[roads.edges[sign.edge].lanes[max(sign.lane, 0)]]
         before, behind = (live.lanelet_at(lane.index, sign.position_m + d) for d in (-2.0, 2.0))
-        plates.append(
-            [sign.code, sign.value, *(interpreter.speed_limit(frozenset({one})) for one in (before, behind))]
-        )
+        plates.append([sign.code, sign.value, *(interpreter.speed_limit(frozenset({one})) for one in (before, behind))])
     ways = {(c.from_lane, c.via[0]) for c in roads.connections if c.via and by_lane[c.via[0]]}
     return {
         "lanes": sum(one is not None for one in by_lane.values()),
@@ -82,7 +80,7 @@ def told(o: Observation) -> dict[str, object]:
         "obstacles": [len(o.obstacles), len(scenario.static_obstacles)],
         "forecast_steps": sorted({one.prediction.final_time_step for one in scenario.dynamic_obstacles}),
         "same_network": network is live.scenario(o, 30).lanelet_network,
-    }  # fmt: skip
+    }
 
 
 def _last(live: LiveScenario, lane: object, lanelets: dict[int, object]) -> object:
@@ -106,9 +104,7 @@ def edges() -> dict[str, bool]:
     return {
         "in a lane": any(touched(lane, lane.line.length / 2, 0.0) for lane in long),
         "in a junction": not inner or any(touched(lane, lane.line.length / 2, 0.0) for lane in inner),
-        "beside the road": all(
-            touched(lane, lane.line.length / 2, roads.to_kerb * lane.width / 2) for lane in kerb
-        ),
+        "beside the road": all(touched(lane, lane.line.length / 2, roads.to_kerb * lane.width / 2) for lane in kerb),
     }
 
 
@@ -126,11 +122,10 @@ def ways() -> dict[str, object]:
     return {
         "follows": np.allclose(offsets, [(s + 0.5 * k, 0.5) for k in range(1, 11)], atol=1e-6),
         "across": np.allclose(
-            across[:, :2],
-            [(x - 0.5 * k * math.sin(along), y + 0.5 * k * math.cos(along)) for k in range(1, 11)],
+            across[:, :2], [(x - 0.5 * k * math.sin(along), y + 0.5 * k * math.cos(along)) for k in range(1, 11)]
         ),
         "alone": np.allclose(np.hypot(alone[:, 0] - x, alone[:, 1] - y), 0.5 * np.arange(1, 11)),
-    }  # fmt: skip
+    }
 
 
 def masked() -> int:

@@ -62,12 +62,7 @@ def seen(path: str) -> dict[str, object]:
             for e in sign.traffic_sign_elements
         ],
         "obstacles": [
-            [
-                o.obstacle_type.value,
-                o.initial_state.time_step,
-                o.obstacle_shape.length,
-                o.obstacle_shape.width,
-            ]
+            [o.obstacle_type.value, o.initial_state.time_step, o.obstacle_shape.length, o.obstacle_shape.width]
             for o in scenario.dynamic_obstacles
         ],
         "static": [o.obstacle_type.value for o in scenario.static_obstacles],

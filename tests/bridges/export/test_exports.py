@@ -71,11 +71,7 @@ def commonroad(run: Path) -> dict[str, Any]:
     numbers = ",".join(sorted(set(SIGN_NUMBERS.values())))
     environment = {**os.environ, "PYTHONPATH": str(COMMONROAD), "PYTHONWARNINGS": "ignore"}
     done = subprocess.run(
-        [sys.executable, script, numbers, *files],
-        capture_output=True,
-        text=True,
-        env=environment,
-        timeout=HANG_S,
+        [sys.executable, script, numbers, *files], capture_output=True, text=True, env=environment, timeout=HANG_S
     )
     assert done.returncode == 0, done.stderr
     said: dict[str, Any] = json.loads(done.stdout)

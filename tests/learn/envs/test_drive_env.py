@@ -194,9 +194,7 @@ def test_unknown_scenarios_and_broken_actions_are_refused(env: DriveEnv) -> None
     with pytest.raises(ValueError, match="not finite"):
         env.step(np.array([np.nan, 0.0]))
     for wrong, shape in ((np.zeros(3), r"\(3,\)"), (np.zeros((1, 2)), r"\(1, 2\)"), (0.5, r"\(\)")):
-        with pytest.raises(
-            ValueError, match=rf"action of shape {shape}: expected one of Box\(-1.0, 1.0, \(2,\)"
-        ):
+        with pytest.raises(ValueError, match=rf"action of shape {shape}: expected one of Box\(-1.0, 1.0, \(2,\)"):
             env.step(wrong)
     assert env.step(np.zeros(2))[1] >= 0.0
 
@@ -209,9 +207,7 @@ def test_a_reward_that_is_no_number_is_refused() -> None:
 
 
 def test_an_error_names_the_keyword() -> None:
-    with pytest.raises(
-        InputError, match=r"^types yeild: no such type or group \(did you mean yield\?\): groups are"
-    ):
+    with pytest.raises(InputError, match=r"^types yeild: no such type or group \(did you mean yield\?\): groups are"):
         DriveEnv(split="dev", types="yeild")
 
 
@@ -230,9 +226,7 @@ def test_make_vec_by_default_gives_each_a_process() -> None:
 def test_perception_reaches_what_is_seen() -> None:
     plates = {}
     for level in ("exact", "poor"):
-        made = DriveEnv(
-            split="dev", types="speed_limit", observation="scene", perception=level, half="signed"
-        )
+        made = DriveEnv(split="dev", types="speed_limit", observation="scene", perception=level, half="signed")
         made.reset(options={"scenario": min(made._by_id)})
         codes = 0.0
         for _ in range(20):
@@ -293,9 +287,7 @@ def test_another_city_is_driven_and_stays_the_environments_own() -> None:
 
 @pytest.mark.parametrize(("name", "costs"), [(DRIVE, -1.0), (DRIVE_V0, 0.0)])
 def test_a_violation_costs_in_the_ids_that_show_plates(name: str, costs: float) -> None:
-    made = gymnasium.make(
-        name, split="dev", types="speed_limit", half="signed", observation="vector", action="aim"
-    )
+    made = gymnasium.make(name, split="dev", types="speed_limit", half="signed", observation="vector", action="aim")
     told: dict[str, Any] = {}
     made.reset(seed=0)
     while not told.get("violations"):

@@ -71,9 +71,7 @@ def test_lanes_are_counted_from_the_egos() -> None:
 
     def one(lane: int, edge: str = way[0], at: int = turn.observation.ego.lane) -> dict[str, float]:
         o = replace(
-            turn.observation,
-            ego=replace(turn.observation.ego, lane=at),
-            signs=(replace(plate, lane=lane, edge=edge),),
+            turn.observation, ego=replace(turn.observation.ego, lane=at), signs=(replace(plate, lane=lane, edge=edge),)
         )
         return dict(zip(ADDRESSED, told(o)[0].tolist(), strict=True))
 
@@ -112,9 +110,7 @@ def test_outlines_and_main_roads_are_in_the_tables() -> None:
     env.reset(options={"scenario": min(env._by_id)})
     turn, scene, objects = env.episode, SceneSeen(), ObjectsSeen()
     env.close()
-    front = replace(
-        turn.observation.signs[0], code="2.1", outline="diamond", main_road=(-math.pi / 2, math.pi)
-    )
+    front = replace(turn.observation.signs[0], code="2.1", outline="diamond", main_road=(-math.pi / 2, math.pi))
     want = {"main_cos_1": 0.0, "main_sin_1": -1.0, "main_cos_2": -1.0, "main_sin_2": 0.0}
     for plate, main in ((front, want), (front.from_behind(), dict.fromkeys(want, 0.0))):
         o = replace(turn.observation, signs=(plate,))

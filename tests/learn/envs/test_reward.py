@@ -43,10 +43,7 @@ def test_way_that_was_lost_is_not_earned_twice(seen: list[Observation]) -> None:
     assert reward.tick(lost) == 0.0
 
 
-@pytest.mark.parametrize(
-    "worse",
-    [{"speed": 30.0}, {"yaw_rate": 0.9}, {"acceleration": -6.0}],
-)
+@pytest.mark.parametrize("worse", [{"speed": 30.0}, {"yaw_rate": 0.9}, {"acceleration": -6.0}])
 def test_bad_manners_are_cut(seen: list[Observation], worse: dict[str, float]) -> None:
     before, after = seen[4], seen[5]
     spoilt = replace(after, ego=replace(after.ego, **worse))

@@ -49,9 +49,7 @@ def test_processes_that_run_no_import_of_the_notebook(tmp_path: Path) -> None:
         "    print({len(table) for table in several.reset().values()})\n"
         "    several.close()\n"
     )
-    done = subprocess.run(
-        [sys.executable, "notebook.py"], cwd=tmp_path, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run([sys.executable, "notebook.py"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.stdout == "{2}\n", done.stderr
 
 
@@ -61,7 +59,5 @@ def test_without_its_extra_the_import_says_what_to_install(tmp_path: Path) -> No
         "try:\n    import tsbench.learn.envs\nexcept ImportError as problem:\n    print(problem)"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
-    assert done.stdout.startswith(
-        "this needs gymnasium, which is not installed: pip install 'tsbench[learn]'"
-    )
+    assert done.stdout.startswith("this needs gymnasium, which is not installed: pip install 'tsbench[learn]'")
     assert done.stdout.count("\n") == 1

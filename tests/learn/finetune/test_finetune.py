@@ -139,9 +139,7 @@ def test_drives_are_of_no_map_that_checkpoints_are_chosen_on(
         finetune_drives([two], recipe)
 
 
-def test_a_share_of_drives_is_begun_by_the_student(
-    rows: list[ScenarioSpec], base: Path, tmp_path: Path
-) -> None:
+def test_a_share_of_drives_is_begun_by_the_student(rows: list[ScenarioSpec], base: Path, tmp_path: Path) -> None:
     fresh_weights(tmp_path, "plant2-ft", fresh_tuned)
     recipe = FineTuning(base=base, drivers=("idm-e",), drives=200, student=tmp_path, takeover=0.3)
     drives = finetune_drives(rows, recipe)
@@ -191,8 +189,7 @@ def test_a_broken_off_training_goes_on_as_if_nothing_had_been_and_learns(
     # What was fine-tuned can be trained on.
     again = FineTuning(base=tmp_path / "broken", drivers=("idm-e",), drives=1)
     assert torch.equal(
-        beginning(again, again.vocabulary()).state_dict()["signs.weight"],
-        torch.from_numpy(ours["signs.weight"]),
+        beginning(again, again.vocabulary()).state_dict()["signs.weight"], torch.from_numpy(ours["signs.weight"])
     )
 
 
@@ -211,9 +208,7 @@ def test_a_masked_training_is_of_another_network_and_refuses_the_others_checkpoi
 
 
 def test_a_masked_student_is_blind(rows: list[ScenarioSpec], base: Path, tmp_path: Path) -> None:
-    recipe = FineTuning(
-        base=base, drivers=("idm-e",), drives=20, student=tmp_path, takeover=1.0, mask_signs=True
-    )
+    recipe = FineTuning(base=base, drivers=("idm-e",), drives=20, student=tmp_path, takeover=1.0, mask_signs=True)
     fresh_weights(tmp_path, "plant2-ft", fresh_tuned)
     with pytest.raises(InputError, match=r"plant2-blind\.json"):
         finetune_drives(rows, recipe)
@@ -228,11 +223,7 @@ def test_a_masked_student_is_blind(rows: list[ScenarioSpec], base: Path, tmp_pat
 def test_frames_are_told_and_shown(rows: list[ScenarioSpec], base: Path, tmp_path: Path) -> None:
     recipe = FineTuning(base=base, drivers=("idm-e",), drives=20)
     drives = finetune_drives(rows, recipe)
-    folder = (
-        tmp_path
-        / "frames"
-        / plan_hash(drives, FinetuneSource(recipe.sampling, recipe.vocabulary()), recipe.seed)
-    )
+    folder = tmp_path / "frames" / plan_hash(drives, FinetuneSource(recipe.sampling, recipe.vocabulary()), recipe.seed)
     folder.mkdir(parents=True)
     frames = made_up(200)
     frames["type"] %= 6

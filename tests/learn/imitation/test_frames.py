@@ -17,13 +17,7 @@ from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.imitation.drives import DriveResult, PlannerDrive
 from tsbench.learn.imitation.frames import FRAME, DrivenPath, Imitated, Sampling, frames_of, observations
-from tsbench.learn.imitation.frames_store import (
-    FrameStore,
-    ImitationSource,
-    TrainingResources,
-    make_chunk,
-    plan_hash,
-)
+from tsbench.learn.imitation.frames_store import FrameStore, ImitationSource, TrainingResources, make_chunk, plan_hash
 from tsbench.learn.plant2 import layout as at
 from tsbench.learn.plant2.tokens import Tokeniser
 from tsbench.planners.registry import resolve

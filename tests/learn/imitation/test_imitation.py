@@ -16,13 +16,7 @@ from tsbench.learn.imitation import trainer
 from tsbench.learn.imitation.drives import PlannerDrive
 from tsbench.learn.imitation.frames import FRAME
 from tsbench.learn.imitation.frames_store import ImitationSource, TrainingResources, plan_hash
-from tsbench.learn.imitation.recipe import (
-    ImitationRecipe,
-    drives_of,
-    in_turn,
-    kept_for_validation,
-    validation_rows,
-)
+from tsbench.learn.imitation.recipe import ImitationRecipe, drives_of, in_turn, kept_for_validation, validation_rows
 from tsbench.learn.imitation.skill import Skill
 from tsbench.learn.imitation.task import batches_of, imitation
 from tsbench.learn.imitation.trainer import losses, rate_at, total, train, trimmed, two_hot
@@ -143,9 +137,7 @@ def prepared(
     told = iter(SKILLS)
     monkeypatch.setattr(trainer, "measure", lambda *_: next(told))
     recipe = ImitationRecipe(episodes=40, epochs=3, batch=16, validation=4)
-    folder = (
-        out / "frames" / plan_hash(drives_of(rows, recipe), ImitationSource(recipe.sampling), recipe.seed)
-    )
+    folder = out / "frames" / plan_hash(drives_of(rows, recipe), ImitationSource(recipe.sampling), recipe.seed)
     folder.mkdir(parents=True, exist_ok=True)
     for number in range(2):
         np.save(folder / f"chunk-{number:05d}.npy", made_up(64, number))

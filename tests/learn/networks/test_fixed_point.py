@@ -9,17 +9,7 @@ import pytest
 from scipy.special import betaincinv, erf, ndtri
 
 from tsbench.learn.networks.convolution import Convolution, GroupNorm
-from tsbench.learn.networks.fixed_point import (
-    BITS,
-    LayerNorm,
-    Linear,
-    column_sums,
-    gelu,
-    snap,
-    softmax,
-    tanh,
-    tree_sum,
-)
+from tsbench.learn.networks.fixed_point import BITS, LayerNorm, Linear, column_sums, gelu, snap, softmax, tanh, tree_sum
 from tsbench.learn.networks.quantiles import beta_quantile, normal_quantile
 
 RNG = np.random.default_rng(7)
@@ -53,9 +43,7 @@ def test_the_worst_input_is_still_exact() -> None:
     linear = Linear(weight, np.zeros(1), bound=16.0, snapped=None)
     x = np.full((1, 500), 16.0)
     x[0, ::2] -= 2.0**-BITS
-    exact = sum(
-        Fraction(a) * Fraction(b) for a, b in zip(x[0].tolist(), linear.weight[0].tolist(), strict=True)
-    )
+    exact = sum(Fraction(a) * Fraction(b) for a, b in zip(x[0].tolist(), linear.weight[0].tolist(), strict=True))
     assert Fraction(float((x @ linear.weight.T)[0, 0])) == exact
 
 
@@ -119,9 +107,7 @@ def test_columns_give_the_bits_of_rows() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("size", "stride", "pad"), [(8, 4, 0), (4, 2, 0), (3, 2, 0), (3, 1, 1), (7, 2, 3), (1, 2, 0)]
-)
+@pytest.mark.parametrize(("size", "stride", "pad"), [(8, 4, 0), (4, 2, 0), (3, 2, 0), (3, 1, 1), (7, 2, 3), (1, 2, 0)])
 def test_convolutions_are_those_of_torch(size: int, stride: int, pad: int) -> None:
     import torch
 

@@ -17,13 +17,7 @@ from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.envs.scene_seen import PLATE, SceneSeen
 from tsbench.learn.oracle.export import export
 from tsbench.learn.oracle.ticks import shapes
-from tsbench.learn.oracle.trajectories import (
-    QuantisedPlanner,
-    Recorded,
-    fingerprints,
-    steps_of,
-    write_trajectories,
-)
+from tsbench.learn.oracle.trajectories import QuantisedPlanner, Recorded, fingerprints, steps_of, write_trajectories
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import HALVES
@@ -37,7 +31,7 @@ def driven(half: str) -> Recorded:
     ego, others = fingerprints(result.facts.snapshots)
     return Recorded(
         row.scenario_id, "idm", 0, "train", 1, 1.0, 1.0, steps_of(result.commands), tuple(planner.intents), ego, others
-    )  # fmt: skip
+    )
 
 
 def test_both_halves_come_out_as_they_were_driven(tmp_path: Path) -> None:

@@ -99,9 +99,7 @@ def runner(name: str, sumo: Simulation, rows: list[ScenarioSpec], most: int) -> 
     )
 
 
-def test_a_failed_expert_draws_another_driver_until_one_succeeds(
-    sumo: Simulation, rows: list[ScenarioSpec]
-) -> None:
+def test_a_failed_expert_draws_another_driver_until_one_succeeds(sumo: Simulation, rows: list[ScenarioSpec]) -> None:
     """Every try is recorded; the commands are those of the success."""
     driven = runner("Moody", sumo, rows, most=20)
     attempts = []
@@ -139,11 +137,7 @@ def test_experts_are_those_that_are_registered() -> None:
 def test_a_share_of_the_variants_of_each_map(table: list[ScenarioSpec]) -> None:
     """So many of each, whichever the order; fewer are a part of more."""
     kinds = ("yield", "bus_lane_road")
-    some = {
-        (kind, name)
-        for kind in kinds
-        for name in sorted({r.map_id for r in table if r.pair_type == kind})[:15]
-    }
+    some = {(kind, name) for kind in kinds for name in sorted({r.map_id for r in table if r.pair_type == kind})[:15]}
     table = [r for r in table if (r.pair_type, r.map_id) in some]
     four, six = chosen(table, 4), chosen(table, 6)
     assert {r.scenario_id for r in four} < {r.scenario_id for r in six}
@@ -152,9 +146,7 @@ def test_a_share_of_the_variants_of_each_map(table: list[ScenarioSpec]) -> None:
     assert len({r.pair_name for r in four}) == 4 * len(maps)
     # Both halves of a pair, where there are two.
     assert {r.half for r in four if r.pair_type == "yield"} == {"signed", "contrast"}
-    assert all(
-        r.scenario_id in {f.scenario_id for f in four} for r in table if r.pair_name == four[0].pair_name
-    )
+    assert all(r.scenario_id in {f.scenario_id for f in four} for r in table if r.pair_name == four[0].pair_name)
     assert chosen(table, 10) == table
     assert len({r.variant for r in four}) == 10
     # Three experts with four variants each drive all ten between them.
@@ -167,9 +159,7 @@ def collected(out: Path, workers: int) -> list[str]:
     """Two experts on two scenarios; what was said meanwhile."""
     said = io.StringIO()
     request = Request(("idm-e", "idm-s4-e"), "train", ("bus_lane_road",), limit=2)
-    found = collect(
-        CollectOptions(request, out, workers=workers), ProgressWatcher(Console(file=said, width=200))
-    )
+    found = collect(CollectOptions(request, out, workers=workers), ProgressWatcher(Console(file=said, width=200)))
     assert found.complete
     assert [(t.asked, t.solved, t.drives, t.errors) for t in found.experts.values()] == [(2, 2, 2, 0)] * 2
     return said.getvalue().splitlines()

@@ -202,8 +202,7 @@ def test_other_code_of_an_expert_is_told_and_voids_nothing(full: Path, rows: lis
     with closing(collection(full / "c", rows[:3], other)) as made:
         assert len(made.journal.done) == 9
         assert [line.partition(": ")[2] for line in made.notices] == [
-            "3 lines were driven by other code of idm-e: tsbench oracle verify proves them, "
-            "--redrive drives them again"
+            "3 lines were driven by other code of idm-e: tsbench oracle verify proves them, --redrive drives them again"
         ]
     with closing(collection(full / "c", rows[:3], other, redrive=True)) as made:
         assert {planner for planner, _ in made.journal.done} == {"idm-s4-e", "net-e"}

@@ -92,19 +92,12 @@ def test_a_replay_is_the_drive_bit_for_bit(
         ({"others": "0" * 16}, "other road users were elsewhere"),
         ({"ego": "0" * 16}, "the ego was elsewhere"),
         ({"commands": np.zeros((20, 2), dtype=np.int16)}, "the recorded drive ended after 20 ticks"),
-        (
-            {"commands": np.full((400, 2), [1500, -4000], dtype=np.int16)},
-            r"it ended \(\w+\) after \d+ ticks of 400",
-        ),
+        ({"commands": np.full((400, 2), [1500, -4000], dtype=np.int16)}, r"it ended \(\w+\) after \d+ ticks of 400"),
         ({"scenario_id": "elsewhere-v0"}, "it was asked to drive"),
     ],
 )
 def test_another_drive_is_no_replay(
-    drive: tuple[EpisodeResult, Recorded],
-    row: ScenarioSpec,
-    sumo: Simulation,
-    change: dict[str, object],
-    told: str,
+    drive: tuple[EpisodeResult, Recorded], row: ScenarioSpec, sumo: Simulation, change: dict[str, object], told: str
 ) -> None:
     """The error says which drive, and in what it differs."""
     other = replace(drive[1], **change)  # type: ignore[arg-type]

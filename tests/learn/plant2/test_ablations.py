@@ -41,11 +41,7 @@ def test_without_memory_a_plate_out_of_sight_is_gone_and_a_stop_forgotten(drive:
     o = drive.seen[0]
     line = next(piece.s1 for piece in o.route.path.pieces if o.route.s <= piece.s1)
     before_line = replace(o.route, s=line - 2.0 - EGO_LENGTH_M / 2)
-    x, y, heading = (
-        o.ego.x + 2.0 * np.cos(o.ego.heading),
-        o.ego.y + 2.0 * np.sin(o.ego.heading),
-        o.ego.heading,
-    )
+    x, y, heading = (o.ego.x + 2.0 * np.cos(o.ego.heading), o.ego.y + 2.0 * np.sin(o.ego.heading), o.ego.heading)
     stop = SignView("2.5", None, x, y, heading, o.route.path.edges[0], -1, 0.0, 2.0)
     stands = replace(o, route=before_line, ego=replace(o.ego, speed=0.0), signs=(stop,))
     words = vocabulary_of()

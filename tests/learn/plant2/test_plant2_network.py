@@ -15,13 +15,7 @@ from tsbench.core.errors import InputError
 from tsbench.learn.plant2 import layout as at
 from tsbench.learn.plant2.engine import Plant2Engine, target_speed_of
 from tsbench.learn.plant2.planner_ft import Plant2Ft
-from tsbench.learn.plant2.plant2_network import (
-    PUBLISHED_ADDED,
-    PUBLISHED_MEDIUM,
-    Plant2FtNetwork,
-    Plant2Network,
-    parts,
-)
+from tsbench.learn.plant2.plant2_network import PUBLISHED_ADDED, PUBLISHED_MEDIUM, Plant2FtNetwork, Plant2Network, parts
 from tsbench.learn.plant2.plant2_planner import Plant2
 from tsbench.learn.plant2.torch_inference import inference, network_of, tensors
 from tsbench.planners.weights import load_weights, save_weights
@@ -117,10 +111,7 @@ def test_the_engine_plans_as_the_network_does(kind: type[Plant2Network], size: s
 def test_shipped_weights_plan_as_by_torch(planner: type[Plant2]) -> None:
     name = planner.weights
     asked = questions(name)
-    mine, its = (
-        planner.network("cpu")(asked),
-        inference(network_of("mini", load_weights(name)), "cpu")(asked),
-    )
+    mine, its = (planner.network("cpu")(asked), inference(network_of("mini", load_weights(name)), "cpu")(asked))
     assert np.abs(its["path"]).max() > 5.0
     assert np.abs(mine["path"] - its["path"]).max() < 1e-4
     assert np.abs(mine["speed"] - its["speed"]).max() < 2e-4
@@ -136,9 +127,7 @@ def test_shipped_weights_plan_as_by_torch(planner: type[Plant2]) -> None:
         ({"route.weight": np.full((128, 40), 1e9, np.float32)}, "too large for exact sums"),
     ],
 )
-def test_weights_that_do_not_fit_are_refused(
-    tmp_path: Path, change: dict[str, np.ndarray], problem: str
-) -> None:
+def test_weights_that_do_not_fit_are_refused(tmp_path: Path, change: dict[str, np.ndarray], problem: str) -> None:
     arrays = {name: value.numpy() for name, value in made(Plant2Network).state_dict().items()}
     save_weights("plant2", tmp_path, arrays | change, {"size": "mini"})
     with pytest.raises(InputError, match=f"are not those of plant2's network .*{problem}") as caught:

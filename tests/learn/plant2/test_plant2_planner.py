@@ -150,9 +150,7 @@ def test_a_batch_decides_as_each_alone(drive: Recorder, folder: Path) -> None:
         assert planner.act_batch(fresh[:size]) == driven[: size * HOLD_TICKS : HOLD_TICKS]
 
 
-def test_between_two_plans_the_last_one_is_followed_from_where_the_ego_is(
-    drive: Recorder, folder: Path
-) -> None:
+def test_between_two_plans_the_last_one_is_followed_from_where_the_ego_is(drive: Recorder, folder: Path) -> None:
     """A plan of a straight line at the ego's speed: no command swings, whenever it was made."""
     asked = []
 
@@ -213,9 +211,7 @@ def test_control_comes_back_to_a_line_without_swinging(speed: float) -> None:
         points = np.column_stack((m.x + np.arange(1.0, 21.0), np.zeros(20)))
         c, s = math.cos(m.heading), math.sin(m.heading)
         seen = (points - (m.x, m.y)) @ np.array([[c, -s], [s, c]])
-        here = EgoState(
-            m.x, m.y, m.heading, m.speed, m.acceleration, m.steering, m.yaw_rate, 0, 0.0, 0.0, True
-        )
+        here = EgoState(m.x, m.y, m.heading, m.speed, m.acceleration, m.steering, m.yaw_rate, 0, 0.0, 0.0, True)
         command = control(seen, speed, here, Gains())
         m = advance(m, command.acceleration, command.steering)
         sides.append(m.y)

@@ -145,13 +145,7 @@ def test_the_plate_that_holds_is_remembered_and_left_behind(drive: Recorder) -> 
 
 def test_a_back_has_a_token_where_its_outline_tells_the_code(drive: Recorder) -> None:
     o = drive.seen[0]
-    outlines = {
-        "2.1": "diamond",
-        "2.4": "inverted_triangle",
-        "2.5": "octagon",
-        "2.3.1": "triangle",
-        "3.1": "circle",
-    }
+    outlines = {"2.1": "diamond", "2.4": "inverted_triangle", "2.5": "octagon", "2.3.1": "triangle", "3.1": "circle"}
     backs = [replace(plate(o, code), outline=outline).from_behind() for code, outline in outlines.items()]
     record = np.zeros(1, dtype=at.SIGN_TOKENS)[0]
     fill_signs(record, replace(o, signs=tuple(backs)), (o.ego.x, o.ego.y, o.ego.heading), 0, WORDS.class_of)
@@ -163,9 +157,7 @@ def test_right_of_way_on_another_arm_holds_beside(drive: Recorder) -> None:
     o, edges = drive.seen[0], drive.context.network.edges
     own = edges[o.route.path.edges[0]]
     other = next(e.id for e in edges.values() if e.target == own.target and e.id != own.id and not e.internal)
-    elsewhere = next(
-        e.id for e in edges.values() if e.target != own.target and e.id not in o.route.path.edges
-    )
+    elsewhere = next(e.id for e in edges.values() if e.target != own.target and e.id not in o.route.path.edges)
 
     def held(kind: str, edge: str) -> tuple[str, str]:
         seen = replace(plate(o, kind), edge=edge, heading=o.ego.heading + 2.0)

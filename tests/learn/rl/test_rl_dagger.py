@@ -93,9 +93,7 @@ def test_the_teacher_sees_what_a_planner_sees() -> None:
 
 def test_the_teacher_passes_an_obstacle() -> None:
     taught = DaggerWrapper(DriveEnv(split="test", hold=HOLD_TICKS))
-    taught.reset(
-        options={"scenario_id": next(i for i in sorted(taught.unwrapped._by_id) if "detour_left" in i)}
-    )
+    taught.reset(options={"scenario_id": next(i for i in sorted(taught.unwrapped._by_id) if "detour_left" in i)})
     aside, over, facts = [], False, {}
     while not over:
         action = taught.advise()

@@ -74,12 +74,8 @@ def test_the_exported_cnn_acts_as_the_trained_one(tmp_path: Path) -> None:
     records["measurements"] = rng.uniform(-1, 1, records["measurements"].shape)
     records["draw"] = rng.random((4, 2))
     with torch.no_grad():
-        trained = made.get_distribution(
-            {k: torch.from_numpy(records[k]) for k in ("bev", "measurements")}
-        )._beta
-    densities = stats.beta(
-        trained.concentration1.numpy(), trained.concentration0.numpy(), loc=-1.0, scale=2.0
-    )
+        trained = made.get_distribution({k: torch.from_numpy(records[k]) for k in ("bev", "measurements")})._beta
+    densities = stats.beta(trained.concentration1.numpy(), trained.concentration0.numpy(), loc=-1.0, scale=2.0)
     wanted = densities.ppf(records["draw"])
     assert np.ptp(wanted) > 0.01
     assert np.allclose(Carl(folder=tmp_path).infer(records)["action"], wanted, atol=1e-4)
@@ -92,9 +88,7 @@ def test_beta_actions_have_the_density_of_the_textbook() -> None:
     a, b = (1.0 + torch.nn.functional.softplus(raw)[0]).numpy().reshape(2, 2)
     wanted = stats.beta(a, b, loc=-1.0, scale=2.0).logpdf(x[0].numpy()).sum()
     assert float(actions.log_prob(x)) == pytest.approx(wanted, abs=1e-4)
-    assert float(actions.entropy()) == pytest.approx(
-        stats.beta(a, b, loc=-1.0, scale=2.0).entropy().sum(), abs=1e-4
-    )
+    assert float(actions.entropy()) == pytest.approx(stats.beta(a, b, loc=-1.0, scale=2.0).entropy().sum(), abs=1e-4)
     mode = actions.mode()[0].numpy()
     density = stats.beta(a, b, loc=-1.0, scale=2.0).pdf
     assert (density(mode) >= density(mode + 1e-3)).all()
@@ -129,14 +123,7 @@ def test_a_checkpoint_holds_everything_that_learns(planner: str, tmp_path: Path)
 
     def fresh(seed: int) -> PPO:
         return PPO(
-            kind,
-            Still(planner),
-            n_steps=8,
-            batch_size=4,
-            n_epochs=1,
-            policy_kwargs=arguments,
-            seed=seed,
-            device="cpu",
+            kind, Still(planner), n_steps=8, batch_size=4, n_epochs=1, policy_kwargs=arguments, seed=seed, device="cpu"
         )
 
     model = fresh(0)
@@ -145,9 +132,7 @@ def test_a_checkpoint_holds_everything_that_learns(planner: str, tmp_path: Path)
     other = fresh(1)
     assert load_progress(tmp_path, other, {"seed": 0}) == RlProgress(8, 1.5, 1, 2, model._n_updates)
     assert other.num_timesteps == 8
-    for (name, a), (_, b) in zip(
-        model.policy.named_parameters(), other.policy.named_parameters(), strict=True
-    ):
+    for (name, a), (_, b) in zip(model.policy.named_parameters(), other.policy.named_parameters(), strict=True):
         assert torch.equal(a, b), name
     one, two = (m.policy.optimizer.state_dict()["state"] for m in (model, other))
     assert sorted(one) == sorted(two)

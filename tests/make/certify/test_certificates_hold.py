@@ -11,11 +11,7 @@ from tsbench.make.certify.certifier import Certifier
 from tsbench.make.certify.recertify import draw_sample
 from tsbench.make.scenes.verify import verify_certificates
 from tsbench.run.edition import earlier_splits
-from tsbench.scenarios.certificates import (
-    Certificate,
-    bases,
-    certificates_of,
-)
+from tsbench.scenarios.certificates import Certificate, bases, certificates_of
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
@@ -46,9 +42,7 @@ def prover() -> Certifier:
 
 
 def test_every_certificate_is_of_its_row(rows: list[ScenarioSpec]) -> None:
-    assert (
-        verify_certificates(rows, certificates_of(DataSet.in_use()), earlier_splits(DataSet.in_use())) == []
-    )
+    assert verify_certificates(rows, certificates_of(DataSet.in_use()), earlier_splits(DataSet.in_use())) == []
 
 
 @pytest.mark.slow
@@ -62,9 +56,7 @@ def test_a_changed_row_has_no_certificate_any_more(today: list[ScenarioSpec]) ->
     assert name == first.scenario_id
     assert "its certificate is of another row or SUMO" in problem
     ((_, problem),) = verify_certificates(
-        [replace(first, scenario_id="new")],
-        certificates_of(DataSet.in_use()),
-        earlier_splits(DataSet.in_use()),
+        [replace(first, scenario_id="new")], certificates_of(DataSet.in_use()), earlier_splits(DataSet.in_use())
     )
     assert "has no certificate" in problem
 

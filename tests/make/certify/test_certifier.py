@@ -16,12 +16,7 @@ from tsbench.make.certify.sanity import overlapping_pairs, road_users
 from tsbench.make.maps.build import build_net
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
-from tsbench.scenarios.certificates import (
-    Certificate,
-    certificates_path,
-    read_certificates,
-    write_certificates,
-)
+from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates, write_certificates
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
@@ -89,9 +84,7 @@ def test_a_scene_that_does_not_load_is_neither_solvable_nor_sane(maker: SceneMak
     assert "SHA-256 differs" in c.error
 
 
-@pytest.mark.parametrize(
-    ("asked", "realised", "sane"), [(0.0, 0.0, True), (10.0, 10.0, False), (10.0, 7.0, False)]
-)
+@pytest.mark.parametrize(("asked", "realised", "sane"), [(0.0, 0.0, True), (10.0, 10.0, False), (10.0, 7.0, False)])
 def test_traffic_that_is_asked_for_has_to_be_there(
     maker: SceneMaker, asked: float, realised: float, sane: bool
 ) -> None:
@@ -136,18 +129,11 @@ def test_the_same_row_gives_the_same_certificate(maker: SceneMaker) -> None:
     (again,) = prover(maker).again([(spec, first)])
     assert again == replace(first, reproduced=True, arrival_gap_s=again.arrival_gap_s)
     # Another scoring, or another processor, may have made it, and it holds; what it found has to be found again.
-    made = [
-        {"scoring": 1, "digest": "0"},
-        {"expert_time_s": first.expert_time_s + 0.1},
-        {"arrival_gap_s": 2.0},
-    ]
+    made = [{"scoring": 1, "digest": "0"}, {"expert_time_s": first.expert_time_s + 0.1}, {"arrival_gap_s": 2.0}]
     renewed = [prover(maker).again([(spec, replace(first, **fields))]) for fields in made]
     assert [c.reproduced for (c,) in renewed] == [True, False, False]
     other = replace(first, blind_outcome="timeout", engaged=False)
-    assert first.differences(other) == [
-        "blind_outcome was 'arrived', is 'timeout'",
-        "engaged was True, is False",
-    ]
+    assert first.differences(other) == ["blind_outcome was 'arrived', is 'timeout'", "engaged was True, is False"]
 
 
 def test_other_processes_renew_certificates(maker: SceneMaker) -> None:

@@ -16,12 +16,7 @@ from tsbench.make.maps.build import build_net
 from tsbench.make.scenes.traffic import Car
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
-from tsbench.scenarios.certificates import (
-    Certificate,
-    certificates_path,
-    read_certificates,
-    write_certificates,
-)
+from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates, write_certificates
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
@@ -76,13 +71,7 @@ def prove(maker: SceneMaker, halves: Pair) -> list[Certificate]:
 def test_a_pair_that_no_one_drive_passes(maker: SceneMaker) -> None:
     halves = pair(maker, "sound")
     for row, c in zip(halves, prove(maker, halves), strict=True):
-        assert (c.exclusive, c.passed_by, c.blind_equal, c.differs_s, c.brake_mps2) == (
-            True,
-            "",
-            True,
-            None,
-            None,
-        )
+        assert (c.exclusive, c.passed_by, c.blind_equal, c.differs_s, c.brake_mps2) == (True, "", True, None, None)
         assert c.unpaired_because(row) == ""
 
 

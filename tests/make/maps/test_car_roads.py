@@ -16,9 +16,7 @@ from tsbench.make.maps.plain_xml import origins_and_junctions
 from tsbench.roads.network import read_network
 
 HERE = Path(__file__).parent
-CASES: dict[str, dict[str, dict[str, str]]] = yaml.safe_load(
-    (HERE / "car_roads.yaml").read_text(encoding="utf-8")
-)
+CASES: dict[str, dict[str, dict[str, str]]] = yaml.safe_load((HERE / "car_roads.yaml").read_text(encoding="utf-8"))
 # Roads of the case file that netconvert has to make edges of; the others are closed to cars or no roads for them.
 OPEN_WAYS = {1007, 1010, 1011, 1012, 1016, 1017}
 # What is open, but netconvert closes it: its tags are left as they are.

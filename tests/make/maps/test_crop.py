@@ -17,14 +17,7 @@ from tsbench.make.maps.crop import REGISTRY, plain_crop
 from tsbench.make.maps.families.expectations import expectations
 from tsbench.make.maps.lines import length
 from tsbench.make.maps.lint import lint_crops, loads_in_sumo
-from tsbench.make.maps.plain import (
-    PlainConnection,
-    PlainCrossing,
-    PlainEdge,
-    PlainLane,
-    PlainNet,
-    PlainNode,
-)
+from tsbench.make.maps.plain import PlainConnection, PlainCrossing, PlainEdge, PlainLane, PlainNet, PlainNode
 from tsbench.make.maps.source import SourceNetwork
 from tsbench.roads.network import read_network
 from tsbench.scenarios.map_pool import PoolRow
@@ -42,15 +35,11 @@ def a_t(source: SourceNetwork) -> PoolRow:
 def test_crops_are_sound_and_lie_where_the_row_says(tiny: SourceNetwork, family: str) -> None:
     rows = rows_of(tiny, family)[:12]
     crops = [plain_crop(row, tiny) for row in rows]
-    assert lint_crops([(crop, expectations(row)) for crop, row in zip(crops, rows, strict=True)]) == [
-        ""
-    ] * len(rows)
+    assert lint_crops([(crop, expectations(row)) for crop, row in zip(crops, rows, strict=True)]) == [""] * len(rows)
     for row, crop in zip(rows, crops, strict=True):
         points = np.array([point for edge in crop.edges for point in edge.shape])
         centre = np.array([float(crop.attributes["utm_east"]), float(crop.attributes["utm_north"])])
-        assert (
-            np.abs((points.max(axis=0) + points.min(axis=0)) / 2 + centre - (row.east, row.north)).max() < 0.2
-        )
+        assert np.abs((points.max(axis=0) + points.min(axis=0)) / 2 + centre - (row.east, row.north)).max() < 0.2
         assert np.ptp(points, axis=0) / 2 == pytest.approx([row.half_w, row.half_h], abs=0.1)
         assert crop.origin == pytest.approx((row.lat, row.lon), abs=1e-4)
         known = set(tiny.edge_ids)
@@ -87,9 +76,7 @@ def test_edits_of_a_scene_reach_the_network(tmp_path: Path, workplace: Path) -> 
     place = {"a": (0.0, 0.0), "m": (100.0, 0.0), "b": (200.0, 0.0)}
     walk = PlainLane(0, width=2.0, allow="pedestrian")
     edges = tuple(
-        PlainEdge(
-            s + t, s, t, 3, 16.67, 5, (place[s], place[t]), "highway.secondary", width=3.5, lanes=(walk,)
-        )
+        PlainEdge(s + t, s, t, 3, 16.67, 5, (place[s], place[t]), "highway.secondary", width=3.5, lanes=(walk,))
         for s, t in ("am", "mb", "bm", "ma")
     )
     links = (PlainConnection("am", "mb", 1, 2),)

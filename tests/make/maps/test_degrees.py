@@ -40,15 +40,10 @@ def test_what_is_no_number_of_degrees_is_one_line(key: str, value: str, packed: 
     path = tmp_path / ("town.osm.gz" if packed else "town.osm")
     text = xml(**{key: value}).encode()
     path.write_bytes(gzip.compress(text) if packed else text)
-    for read in (
-        lambda: read_extract(path, tmp_path / "plain.osm"),
-        lambda: facts_of(path, "2022-01-02", None),
-    ):
+    for read in (lambda: read_extract(path, tmp_path / "plain.osm"), lambda: facts_of(path, "2022-01-02", None)):
         with pytest.raises(InputError) as refused:
             read()
-        assert str(refused.value).startswith(
-            f"{path}: node 1: {key}={value!r} is no number of degrees from -"
-        )
+        assert str(refused.value).startswith(f"{path}: node 1: {key}={value!r} is no number of degrees from -")
         assert "\n" not in str(refused.value)
 
 
@@ -120,17 +115,7 @@ def test_a_city_says_what_of_its_extract_is_left_out(tmp_path: Path, monkeypatch
     town.road([(0, 0), (300, 0)], "residential")
     null = '<node id="7" version="1" lat="0.0" lon="0"/></osm>'
     (tmp_path / "town.osm").write_text(town.xml().replace("</osm>", null), encoding="utf-8")
-    words = [
-        "city",
-        "new",
-        "town",
-        "--osm",
-        str(tmp_path / "town.osm"),
-        "--country",
-        "de",
-        "--date",
-        "2022-01-02",
-    ]
+    words = ["city", "new", "town", "--osm", str(tmp_path / "town.osm"), "--country", "de", "--date", "2022-01-02"]
     done = CliRunner().invoke(cli, words, catch_exceptions=False)
     assert "left out what lies at 0, 0 degrees, where no road is: node 7" in done.output
     assert cities.load_city("town").zone == 37

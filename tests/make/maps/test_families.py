@@ -111,10 +111,8 @@ CIRCLE = polygon(*range(0, 360, 15))
         (CIRCLE[::-1], "driven clockwise", "driven clockwise"),
         (CIRCLE / 8, "circumference outside 30-700 m", "circumference outside 30-700 m"),
     ],
-)  # fmt: skip
-def test_a_generalised_ring_may_have_blunt_corners_but_be_no_block(
-    line: np.ndarray, fine: str, coarse: str
-) -> None:
+)
+def test_a_generalised_ring_may_have_blunt_corners_but_be_no_block(line: np.ndarray, fine: str, coarse: str) -> None:
     assert shape_fault(line, coarse=False) == fine
     assert shape_fault(line, coarse=True) == coarse
 

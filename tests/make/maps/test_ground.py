@@ -67,10 +67,7 @@ def test_order_and_deleted_houses_are_as_in_roads(extract: Path, tmp_path: Path)
     lines = extract.read_text().splitlines()
     ways = [line for line in lines if line.startswith("<way")]
     others = [line for line in lines if not line.startswith("<way")]
-    gone = [
-        line.replace('version="1"', 'version="1" action="delete"') if "shed" in line else line
-        for line in ways
-    ]
+    gone = [line.replace('version="1"', 'version="1" action="delete"') if "shed" in line else line for line in ways]
     path = tmp_path / "mixed.osm"
     path.write_text("\n".join([*others[:2], *gone, *others[2:]]))
     found, right = surfaces(path, FRAME), surfaces(extract, FRAME)

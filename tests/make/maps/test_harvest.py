@@ -116,9 +116,7 @@ def test_an_extract_with_dots_in_its_name_is_harvested_under_it(workplace: Path,
     file.write_text(town.xml(), encoding="utf-8")
     result = harvest(tmp_path, tmp_path / "pool.parquet", tmp_path / "harvest.json", 1, silent)
     assert {row.source for row in result.rows} == {"st.gallen"}
-    assert json.loads((tmp_path / "harvest.json").read_text())["extracts_sha256"] == {
-        "st.gallen": sha256_of(file)
-    }
+    assert json.loads((tmp_path / "harvest.json").read_text())["extracts_sha256"] == {"st.gallen": sha256_of(file)}
     assert map_sheet([(result.rows[0], load_source("st.gallen", tmp_path))]).size
     assert result.notes == ()
 

@@ -14,9 +14,7 @@ NOTHING = Expectations({})
 
 def edge(name: str, shape: Points, *, lanes: int = 1, width: float = 3.5) -> PlainEdge:
     tail, head = name.split("-")
-    return PlainEdge(
-        name, tail, head, lanes, 13.89, 5, shape, "highway.tertiary", width=width, spread="center"
-    )
+    return PlainEdge(name, tail, head, lanes, 13.89, 5, shape, "highway.tertiary", width=width, spread="center")
 
 
 def net(*edges: PlainEdge) -> PlainNet:

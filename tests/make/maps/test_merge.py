@@ -22,12 +22,7 @@ def edge(
 def split_road(opening: float, lanes: int = 1) -> PlainNet:
     """A two-way road from the west that splits at s into a branch to a and one from b, `opening` m apart."""
     half = opening / 2
-    nodes = (
-        PlainNode("w", -60, 0),
-        PlainNode("s", 0, 0),
-        PlainNode("a", 30, -half),
-        PlainNode("b", 30, half),
-    )
+    nodes = (PlainNode("w", -60, 0), PlainNode("s", 0, 0), PlainNode("a", 30, -half), PlainNode("b", 30, half))
     return PlainNet(
         nodes,
         (
@@ -37,7 +32,7 @@ def split_road(opening: float, lanes: int = 1) -> PlainNet:
             edge("road_out", "s", "w", (0, 0), (-60, 0), spread="right"),
         ),
         (),
-    )  # fmt: skip
+    )
 
 
 CHAINS = [(["road_in", "branch_in"], "branch_in"), (["branch_out", "road_out"], "branch_out")]
@@ -71,9 +66,7 @@ def test_a_chain_that_shares_an_edge_stays() -> None:
 
 
 def test_carriageways_drawn_too_near_get_room() -> None:
-    nodes = tuple(
-        PlainNode(name, x, y) for name, x, y in (("a", 0, 0), ("b", 80, 0), ("c", 80, 4), ("d", 0, 4))
-    )
+    nodes = tuple(PlainNode(name, x, y) for name, x, y in (("a", 0, 0), ("b", 80, 0), ("c", 80, 4), ("d", 0, 4)))
     east = edge("east", "a", "b", (0, 0), (80, 0), lanes=2)
     west = edge("west", "c", "d", (80, 4), (0, 4), lanes=2)
     net = part_carriageways(PlainNet(nodes, (east, west), ()), [("east", "west")])

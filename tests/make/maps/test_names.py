@@ -76,15 +76,11 @@ def test_other_files_do_not_matter(tmp_path: Path) -> None:
     assert find_extract("town", tmp_path) == tmp_path / "town.osm"
 
 
-@pytest.mark.parametrize(
-    "files", [("town.osm", "town.xml"), ("town.osm", "town.osm.gz"), ("TOWN.osm", "town.osm")]
-)
+@pytest.mark.parametrize("files", [("town.osm", "town.xml"), ("town.osm", "town.osm.gz"), ("TOWN.osm", "town.osm")])
 def test_a_name_of_two_files_is_refused_in_one_line(files: tuple[str, str], tmp_path: Path) -> None:
     for file in files:
         (tmp_path / file).write_bytes(gzip.compress(TOWN) if file.endswith(".gz") else TOWN)
-    told = (
-        f"{tmp_path}: {files[0]} and {files[1]} are one extract by their names: rename or remove all but one"
-    )
+    told = f"{tmp_path}: {files[0]} and {files[1]} are one extract by their names: rename or remove all but one"
     for call in (lambda: list_extracts(tmp_path), lambda: find_extract("town", tmp_path)):
         with pytest.raises(InputError) as caught:
             call()
@@ -96,9 +92,7 @@ def test_a_name_of_two_files_is_refused_in_one_line(files: tuple[str, str], tmp_
 
 def test_a_name_in_other_letters_is_said(tmp_path: Path) -> None:
     (tmp_path / "TOWN.OSM").write_bytes(TOWN)
-    with pytest.raises(
-        InputError, match=r"no extract 'town' here .*\(TOWN\.OSM is not called so: rename it\)"
-    ):
+    with pytest.raises(InputError, match=r"no extract 'town' here .*\(TOWN\.OSM is not called so: rename it\)"):
         find_extract("town", tmp_path)
     assert extracts_in(tmp_path / "nowhere") == {}
 
@@ -111,9 +105,7 @@ def test_a_name_in_other_letters_is_said(tmp_path: Path) -> None:
         ("town.o5m", r"town\.o5m: unknown kind of file"),
     ],
 )
-def test_other_kinds_of_openstreetmap_files_say_what_makes_an_extract(
-    file: str, says: str, tmp_path: Path
-) -> None:
+def test_other_kinds_of_openstreetmap_files_say_what_makes_an_extract(file: str, says: str, tmp_path: Path) -> None:
     (tmp_path / file).write_bytes(b"x")
     with pytest.raises(InputError, match=says):
         check_file(tmp_path / file)

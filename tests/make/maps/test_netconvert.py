@@ -43,9 +43,7 @@ def test_roads_that_are_lost_are_counted_and_named(out: str, town: Path) -> None
 def test_a_source_keeps_the_lines_and_a_harvest_tells_them(town: Path) -> None:
     assert load_source("town", town.parent).notes == list(SAID)
     assert load_source("town", town.parent).notes == list(SAID)
-    result = harvest(
-        town.parent, town.with_name("pool.parquet"), town.with_name("harvest.json"), 1, lambda *_: None
-    )
+    result = harvest(town.parent, town.with_name("pool.parquet"), town.with_name("harvest.json"), 1, lambda *_: None)
     assert result.notes == tuple(f"{town}: {line}" for line in SAID)
 
 

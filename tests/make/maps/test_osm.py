@@ -85,9 +85,7 @@ def test_all_kinds_of_extract_give_the_same_network(workplace: Path, tmp_path: P
         facts = convert_extract(tmp_path / name, out)
         assert facts.roads == len(make_town().ways)
         assert len(facts.signals) == 1
-        lanes.append(
-            [(lane.edge, lane.length, lane.width) for lane in read_network(out).lanes if not lane.internal]
-        )
+        lanes.append([(lane.edge, lane.length, lane.width) for lane in read_network(out).lanes if not lane.internal])
     assert lanes[0] == lanes[1] == lanes[2] == lanes[3]
     assert len(lanes[0]) > 60
 

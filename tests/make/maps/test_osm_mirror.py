@@ -77,9 +77,7 @@ def test_a_frame_in_a_mirror_keeps_degrees_true(off: float, lat: float, zone: in
     east, north = image.to_metres(lat, lon).tolist()
     assert image.to_degrees(east, north).tolist() == pytest.approx([lat, lon], abs=1e-8)
     assert (image.true_east(east), north) == pytest.approx(tuple(true.to_metres(lat, lon).tolist()), abs=1e-6)
-    assert image.to_metres(lat, true.meridian - off)[0] == pytest.approx(
-        true.to_metres(lat, lon)[0], abs=1e-6
-    )
+    assert image.to_metres(lat, true.meridian - off)[0] == pytest.approx(true.to_metres(lat, lon)[0], abs=1e-6)
 
 
 def test_a_british_town_has_the_roads_of_its_image(tmp_path: Path) -> None:

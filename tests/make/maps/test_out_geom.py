@@ -65,10 +65,7 @@ ALONE = re.sub(r"<node .*</node>\n", "", geom(XML))
     ("text", "says"),
     [
         (geom(WITH_RELATION)[:-40], "not a whole OSM file"),
-        (
-            ALONE.replace(f'<nd ref="1001" {PLACE}', "<nd ref='1001' lat='55,7' lon='9'"),
-            r"nd 1001: lat='55,7'",
-        ),
+        (ALONE.replace(f'<nd ref="1001" {PLACE}', "<nd ref='1001' lat='55,7' lon='9'"), r"nd 1001: lat='55,7'"),
     ],
 )
 def test_what_is_broken_is_one_line(text: str, says: str, tmp_path: Path) -> None:

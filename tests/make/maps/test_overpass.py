@@ -92,10 +92,7 @@ def test_the_same_roads_are_the_same_bytes_whatever_the_hour(server: str, tmp_pa
         (400, "answers 400 Bad Request$"),
         ("", "there is no road for cars"),
         # It comes with status 200 and whatever was found until then.
-        (
-            ROADS + "<remark>runtime error: Query timed out in 'recurse'\nafter 900 s</remark>",
-            "broke its answer off",
-        ),
+        (ROADS + "<remark>runtime error: Query timed out in 'recurse'\nafter 900 s</remark>", "broke its answer off"),
         ("</osm><osm>", "not a well-formed answer of Overpass"),
     ],
 )
@@ -160,9 +157,7 @@ def test_a_new_city_on_a_zones_border_is_in_the_frame_of_its_extract(
         assert load_source("edge", tmp_path).frame == made.frame
 
 
-@pytest.mark.parametrize(
-    ("country", "side"), [("GB", "left"), ("ie", "left"), ("in", "left"), ("NO", "right")]
-)
+@pytest.mark.parametrize(("country", "side"), [("GB", "left"), ("ie", "left"), ("in", "left"), ("NO", "right")])
 def test_a_new_city_keeps_to_the_side_of_its_country(
     server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, country: str, side: str
 ) -> None:
@@ -178,9 +173,7 @@ def test_what_is_no_country_is_not_fetched(
 ) -> None:
     monkeypatch.setattr(cities, "cities_folder", lambda: tmp_path)
     where = ("--bbox", "11.5,49.9,11.6,50.0", "--server", server, "--osm", str(tmp_path))
-    with pytest.raises(
-        InputError, match=f"^--country: '{country}' is no country's code: write its two letters"
-    ):
+    with pytest.raises(InputError, match=f"^--country: '{country}' is no country's code: write its two letters"):
         call("city", "new", "here", *where, "--country", country)
     assert (Overpass.asked, list(tmp_path.iterdir())) == ([], [])
 

@@ -15,9 +15,7 @@ from tsbench.make import city as cities
 from tsbench.make.city import City, check_extract, load_city
 from tsbench.make.maps.own_extract import date_of
 
-NODES = "".join(
-    f'<node id="{k}" version="1"{{}} lat="49.95" lon="{lon}"/>' for k, lon in ((1, 11.50), (2, 11.51))
-)
+NODES = "".join(f'<node id="{k}" version="1"{{}} lat="49.95" lon="{lon}"/>' for k, lon in ((1, 11.50), (2, 11.51)))
 WAY = '<way id="9"><nd ref="1"/><nd ref="2"/><tag k="highway" v="residential"/></way>'
 
 

@@ -73,14 +73,10 @@ def test_a_long_outline_is_made_short(geocoder: str, monkeypatch: pytest.MonkeyP
     assert all(abs(math.hypot((lon - 11.5) / 0.1, (lat - 49.9) / 0.05) - 1.0) < 0.02 for lon, lat in outline)
 
 
-@pytest.mark.parametrize(
-    "answer", [[], [place("Point", [11.5, 49.9])], {"error": "no"}, b"<html>busy</html>"]
-)
+@pytest.mark.parametrize("answer", [[], [place("Point", [11.5, 49.9])], {"error": "no"}, b"<html>busy</html>"])
 def test_what_is_no_place_is_one_line(geocoder: str, monkeypatch: pytest.MonkeyPatch, answer: Any) -> None:
     monkeypatch.setattr(Nominatim, "answer", answer)
-    with pytest.raises(
-        InputError, match=r"--place Nowhere: .* has no outline of it|cannot be asked"
-    ) as refused:
+    with pytest.raises(InputError, match=r"--place Nowhere: .* has no outline of it|cannot be asked") as refused:
         outline_of("Nowhere", geocoder)
     assert "\n" not in str(refused.value)
 

@@ -120,14 +120,10 @@ SPEED_KEYS = ("maxspeed", "maxspeed:forward", "maxspeed:backward", "maxspeed:typ
 
 
 @pytest.mark.parametrize("value", ["none", "no", "DE:motorway"])
-def test_no_limit_is_believed_on_motorways_and_trunks_only(
-    value: str, workplace: Path, tmp_path: Path
-) -> None:
+def test_no_limit_is_believed_on_motorways_and_trunks_only(value: str, workplace: Path, tmp_path: Path) -> None:
     slow = ("living_street", "residential", "unclassified", "tertiary", "secondary", "primary", "trunk_link")
     roads = [(highway, {key: value}) for highway in slow for key in SPEED_KEYS]
-    lanes, notes = converted(
-        tmp_path, [*roads, ("motorway", {"maxspeed": value}), ("trunk", {"maxspeed": value})]
-    )
+    lanes, notes = converted(tmp_path, [*roads, ("motorway", {"maxspeed": value}), ("trunk", {"maxspeed": value})])
     usual = class_speeds(types_file())
     for row, (highway, _) in enumerate(roads, start=501):
         speeds = {lane.speed for lane in lanes if lane.edge in (f"{row}", f"-{row}")}
@@ -177,9 +173,7 @@ def test_tags_of_single_lanes_are_counted(workplace: Path, tmp_path: Path) -> No
 
 def test_turns_of_lanes_are_no_line(tmp_path: Path) -> None:
     aside = SetAside()
-    aside.from_road(
-        1, {"highway": "primary", "turn:lanes": "left|right", "lanes:forward": "2", "change:lanes": "yes"}
-    )
+    aside.from_road(1, {"highway": "primary", "turn:lanes": "left|right", "lanes:forward": "2", "change:lanes": "yes"})
     assert aside.lines() == []
 
 

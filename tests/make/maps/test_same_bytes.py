@@ -45,11 +45,7 @@ def test_the_extracts_are_those_of_the_city_s_file() -> None:
 # The second has most of the roads that are closed to cars.
 @pytest.mark.parametrize("extract", [EXTRACT, pytest.param("dolgoprudny", marks=pytest.mark.slow)])
 def test_the_extract_gives_the_maps_of_the_pool(extract: str, workplace: Path, tmp_path: Path) -> None:
-    shipped = {
-        row.map_id: row
-        for row in read_pool(REPOSITORY / "sumo_nets" / "pool.parquet")
-        if row.source == extract
-    }
+    shipped = {row.map_id: row for row in read_pool(REPOSITORY / "sumo_nets" / "pool.parquet") if row.source == extract}
     (tmp_path / "osm").mkdir()
     shutil.copy(SOURCES / f"{extract}.osm.gz", tmp_path / "osm")
     pool = tmp_path / "again.parquet"

@@ -21,9 +21,7 @@ ZONES = st.integers(1, 60)
 
 
 @given(ZONES, st.booleans(), st.floats(-80.0, 84.0), st.floats(-4.0, 4.0))
-def test_it_agrees_with_proj_in_all_zones_and_hemispheres(
-    zone: int, south: bool, lat: float, off: float
-) -> None:
+def test_it_agrees_with_proj_in_all_zones_and_hemispheres(zone: int, south: bool, lat: float, off: float) -> None:
     """To a millimetre, a degree beyond the zone's edge too, and across the date line."""
     text = f"+proj=utm +zone={zone}{' +south' if south else ''} +ellps=WGS84 +datum=WGS84 +units=m +no_defs"
     proj, frame = pyproj.Proj(text), frame_of(text, "x")
@@ -100,9 +98,7 @@ def test_the_same_town_elsewhere_is_the_same_network(
 
 def test_extracts_outside_the_citys_zone_are_no_part_of_its_pool() -> None:
     _check_one_frame({"a": UtmFrame(37), "b": UtmFrame(37)}, Path("osm"))
-    with pytest.raises(
-        InputError, match="osm: b is in UTM zone 31, moscow in UTM zone 37: one pool is of one"
-    ):
+    with pytest.raises(InputError, match="osm: b is in UTM zone 31, moscow in UTM zone 37: one pool is of one"):
         _check_one_frame({"a": UtmFrame(37), "b": UtmFrame(31)}, Path("osm"))
 
 
@@ -113,8 +109,7 @@ def test_roads_of_two_cities_are_refused_in_one_line(tmp_path: Path) -> None:
         body = body.replace(f'{tag}"', f'{tag}"9')
     # Nodes come first in a file of OSM.
     nodes, ways = (
-        "\n".join(line for line in (town + body).splitlines() if line.startswith(kind))
-        for kind in ("<node", "<way")
+        "\n".join(line for line in (town + body).splitlines() if line.startswith(kind)) for kind in ("<node", "<way")
     )
     text = f'<?xml version="1.0" encoding="UTF-8"?>\n<osm version="0.6">\n{nodes}\n{ways}\n</osm>\n'
     (tmp_path / "two.osm").write_text(text, encoding="utf-8")

@@ -22,9 +22,7 @@ from tsbench.roads.network import read_network
 LINES = make_town().xml().splitlines()
 NODES = [line for line in LINES if line.startswith("<node")]
 WAYS = [line for line in LINES if line.startswith("<way")]
-RELATION = (
-    '<relation id="9" version="1"><member type="way" ref="501" role=""/><tag k="type" v="route"/></relation>'
-)
+RELATION = '<relation id="9" version="1"><member type="way" ref="501" role=""/><tag k="type" v="route"/></relation>'
 
 
 def extract(*objects: str) -> str:
@@ -174,11 +172,7 @@ def test_only_what_counts_is_counted(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("file", ["day.osm", "day.osm.gz"])
 def test_a_file_of_changes_is_refused_in_one_line(file: str, tmp_path: Path) -> None:
-    text = (
-        '<?xml version="1.0"?><osmChange version="0.6"><create>'
-        + "".join(NODES + WAYS)
-        + "</create></osmChange>"
-    )
+    text = '<?xml version="1.0"?><osmChange version="0.6"><create>' + "".join(NODES + WAYS) + "</create></osmChange>"
     data = text.encode()
     (tmp_path / file).write_bytes(gzip.compress(data) if file.endswith(".gz") else data)
     with pytest.raises(InputError) as caught:

@@ -101,9 +101,7 @@ def test_both_halves_of_a_pair_are_there(tmp_path: Path) -> None:
     write_dataset_page(DataSet.in_use(), pair, tmp_path / "pair.html", 1, lambda *at: None)
     text = (tmp_path / "pair.html").read_text(encoding="utf-8")
     packed = unpacked(text, f"scene/bus_lane/{pair[0].map_id}")
-    signed, contrast = (
-        packed["scenes"][r.scenario_id] for r in sorted(pair, key=lambda r: r.half == "contrast")
-    )
+    signed, contrast = (packed["scenes"][r.scenario_id] for r in sorted(pair, key=lambda r: r.half == "contrast"))
     lanes = [[a["r"] for a in drawing["areas"] if a["c"] == "reserved"] for drawing in (signed, contrast)]
     assert all(lanes)
     assert lanes[0] != lanes[1]
@@ -131,10 +129,7 @@ def test_the_page_asks_nobody_for_anything(page: Path) -> None:
 
 
 def test_what_cannot_be_shown_is_one_line(
-    rows: list[ScenarioSpec],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    rows: list[ScenarioSpec], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(InputError, match="no scenario is selected"):
         write_dataset_page(DataSet.in_use(), [], tmp_path / "a.html", 1, lambda *_: None)

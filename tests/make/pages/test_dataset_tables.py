@@ -11,9 +11,7 @@ from tsbench.make.scenes.overview import TypeStats
 from tsbench.make.scenes.tagging import Tagging
 from tsbench.report.analyses.analysis import Analysis
 
-STOP = TypeStats(
-    "stop", "test", 400, 200, 20, 18, {"T": 12, "X": 8}, 0.5, 1.0, 0.9999, 1.0, 1.0, 0.0, 0.84, 0.25,
-)  # fmt: skip
+STOP = TypeStats("stop", "test", 400, 200, 20, 18, {"T": 12, "X": 8}, 0.5, 1.0, 0.9999, 1.0, 1.0, 0.0, 0.84, 0.25)
 REPORT = [
     {
         "type_id": "stop",
@@ -21,7 +19,7 @@ REPORT = [
         "missed": {"X": 2},
         "reasons": {"others | go first": 3, "plate # stands # m along": 1},
         "draws": {"no": 4},
-    },
+    }
 ]
 
 

@@ -103,9 +103,7 @@ def place(
 
 
 @pytest.mark.parametrize("name", LINES)
-def test_the_whole_road_is_crossed_and_lanes_keep_their_numbers(
-    networks: dict[str, RoadNetwork], name: str
-) -> None:
+def test_the_whole_road_is_crossed_and_lanes_keep_their_numbers(networks: dict[str, RoadNetwork], name: str) -> None:
     network, (_, lanes, back) = networks[name], LINES[name]
     crossing = first_crossing(network)
     assert {c.width for c in network.crossings.values()} == {4.0}
@@ -157,9 +155,7 @@ def test_people_come_as_the_preset_says(networks: dict[str, RoadNetwork], name: 
         for person, speed in zip(persons, a.walkers.speeds, strict=True):
             way = str(person[1].get("edges")).split()
             sides.append(way[0].rsplit("_", 1)[1])
-            assert way == [
-                f"road.path0_{s}" for s in (sides[-1], "left" if sides[-1] == "right" else "right")
-            ]
+            assert way == [f"road.path0_{s}" for s in (sides[-1], "left" if sides[-1] == "right" else "right")]
             line = network.edge_lanes(way[0])[0].line
             kerb = kerb_to_kerb(crossing, first, sides[-1]).points[0]
             at = float(person.get("departPos", "nan"))
@@ -181,9 +177,7 @@ def test_people_come_as_the_preset_says(networks: dict[str, RoadNetwork], name: 
 
 @pytest.mark.parametrize("name", LINES)
 @pytest.mark.parametrize("seed", range(6))
-def test_the_first_is_on_the_road_when_the_ego_is_there(
-    networks: dict[str, RoadNetwork], name: str, seed: int
-) -> None:
+def test_the_first_is_on_the_road_when_the_ego_is_there(networks: dict[str, RoadNetwork], name: str, seed: int) -> None:
     network = networks[name]
     a = place(networks, name, seed, seed)
     crossing, sign = first_crossing(network), a.signs[0]
@@ -264,9 +258,7 @@ def site_of(tmp_path_factory: pytest.TempPathFactory) -> SiteOf:
     return site
 
 
-def driven(
-    row: ScenarioSpec, root: Path, planner: str = "idm", sim: Simulation | None = None
-) -> EpisodeResult:
+def driven(row: ScenarioSpec, root: Path, planner: str = "idm", sim: Simulation | None = None) -> EpisodeResult:
     loader = SceneLoader(DataSet.in_use(), SceneFolder(root))
     return EpisodeRunner(resolve(planner), simulation=sim or simulation(), loader=loader).run(row)
 
@@ -334,9 +326,7 @@ def test_people_of_a_contrast_half_stand_until_the_ego_is_past(site_of: SiteOf) 
         ends = (crossing.line.points[0], crossing.line.points[-1])
         # It stands near its kerb, and is on the road where 5.19 stands.
         assert min(math.dist(at, end) for end in ends) < 2.0
-    assert (
-        facts.snapshots[-1].actors.speed[facts.snapshots[-1].actors.kind == ActorKind.PEDESTRIAN].max() > 0.5
-    )
+    assert facts.snapshots[-1].actors.speed[facts.snapshots[-1].actors.kind == ActorKind.PEDESTRIAN].max() > 0.5
 
 
 def test_pictures_show_the_zebra_and_the_people(site_of: SiteOf) -> None:

@@ -36,9 +36,7 @@ ONE_WAY = (corridor(speed=FAST, length=240.0), road_plain(240.0, speed=FAST))
 LONG = (corridor(speed=FAST), road_plain(speed=FAST))
 MAPS = {
     **dict.fromkeys((*AT_LINE, "blocked_road"), CROSS),
-    **dict.fromkeys(
-        ("speed_limit", "zone_speed_limit", "min_speed", "crosswalk", "bus_lane", "bike_lane"), two_way()
-    ),
+    **dict.fromkeys(("speed_limit", "zone_speed_limit", "min_speed", "crosswalk", "bus_lane", "bike_lane"), two_way()),
     "residential_zone": two_way("residential", 40.0 / 3.6),
     **dict.fromkeys(("detour_left", "detour_right"), LONG),
 }
@@ -66,9 +64,7 @@ def build(type_id: str, made: tuple[PoolRow, PlainNet], root: Path) -> list[Scen
         patch.setattr(site_module, "plain_crop", lambda *_: crop)
         # Of a blocked road the two arms that stay open have no room for more traffic.
         most = 3.0 if type_id == "blocked_road" else math.inf
-        patch.setattr(
-            site_module, "variants_of", lambda *n: [v for v in variants_of(*n) if v.density < most][:4]
-        )
+        patch.setattr(site_module, "variants_of", lambda *n: [v for v in variants_of(*n) if v.density < most][:4])
         builder = SiteBuilder(load_recipe(type_id, load_catalog()), root, simulation())
         site = builder.build(row, None, "train")  # type: ignore[arg-type]
     assert site.reason == ""

@@ -58,9 +58,7 @@ def place(networks: dict[Key, RoadNetwork], key: Key, layout: int, seed: int = 1
     return placement_of(recipe_of(key[0])).place(task_of(networks[key], key, layout, seed))
 
 
-def task_of(
-    network: RoadNetwork, key: Key, layout: int, seed: int = 1, empty_share: float = 0.0
-) -> SceneTask:
+def task_of(network: RoadNetwork, key: Key, layout: int, seed: int = 1, empty_share: float = 0.0) -> SceneTask:
     recipe = recipe_of(key[0])
     recipe = replace(recipe, numbers={**recipe.numbers, "empty_share": empty_share})
     variant = Variant(1, 90.0, 4.0, 7.75, 0, layout)
@@ -182,10 +180,7 @@ def test_a_main_road_that_bends_has_its_other_arm_on_the_right() -> None:
         assert set(arms.minor_in) == set(right_of) - {arms.ego_in, *arms.prior_in}
         seen.add(arms.ego_in)
     assert seen == set(right_of)  # all four bends are of the same classes here
-    assert {bending_arms(replace(tee()[0], map_id=f"j-{k}"), 60.0).ego_in for k in range(60)} == {
-        "s_in",
-        "w_in",
-    }
+    assert {bending_arms(replace(tee()[0], map_id=f"j-{k}"), 60.0).ego_in for k in range(60)} == {"s_in", "w_in"}
     with pytest.raises(UnfitMapError, match="no arm of 150 m has an arm to its right"):
         bending_arms(crossroads(), 150.0)
 
@@ -198,17 +193,12 @@ def test_a_main_road_bends_along_its_higher_class() -> None:
         assert (chosen.ego_in, chosen.prior_in) == (f"{one}_in", (f"{other}_in",))
 
 
-def test_plates_of_a_secondary_road_face_the_convoy_and_the_opposite_approach(
-    networks: dict[Key, RoadNetwork],
-) -> None:
+def test_plates_of_a_secondary_road_face_the_convoy_and_the_opposite_approach(networks: dict[Key, RoadNetwork]) -> None:
     for layout in LAYOUTS:
         a = place(networks, ("secondary_road", "X"), layout)
         assert a.convoy is not None
         met = a.convoy.edges[0]
-        assert [(s.code, s.edge, s.role) for s in a.signs] == [
-            ("2.3.1", met, "target"),
-            ("2.4", "n_in", "distractor"),
-        ]
+        assert [(s.code, s.edge, s.role) for s in a.signs] == [("2.3.1", met, "target"), ("2.4", "n_in", "distractor")]
         assert a.signs[1].params is None
         assert math.cos(a.signs[0].heading - {"w_in": 0.0, "e_in": math.pi}[met]) == pytest.approx(1.0)
         # The fourth arm has no plate, and no vehicle comes from there.
@@ -226,9 +216,7 @@ def test_the_plate_stands_at_the_egos_line(networks: dict[Key, RoadNetwork], typ
         assert sign.position_m == pytest.approx(end - recipe.number("plate_before_line_m"))
 
 
-def test_the_other_arms_of_a_bend_are_told_by_plates_that_bind_nobody_watched(
-    networks: dict[Key, RoadNetwork],
-) -> None:
+def test_the_other_arms_of_a_bend_are_told_by_plates_that_bind_nobody_watched(networks: dict[Key, RoadNetwork]) -> None:
     a = place(networks, ("main_road", "X"), 0)
     target, *others = a.signs
     told = {s.edge: s.code for s in others}
@@ -301,10 +289,7 @@ NEW_PLATES = {
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("key", KEYS)
 def test_in_the_contrast_half_the_convoy_gives_way(
-    networks: dict[Key, RoadNetwork],
-    contrast_networks: dict[tuple[Key, float], RoadNetwork],
-    key: Key,
-    layout: int,
+    networks: dict[Key, RoadNetwork], contrast_networks: dict[tuple[Key, float], RoadNetwork], key: Key, layout: int
 ) -> None:
     signed, other = halves(networks, contrast_networks, key, layout)
     network = contrast_networks[key, 0.0]
@@ -317,9 +302,7 @@ def test_in_the_contrast_half_the_convoy_gives_way(
     target = next(s for s in other.signs if s.id == other.target)
     assert convoy not in target.params.main_in
     first = {v for v in ego.yields_to if v not in priority.via}
-    prior = {
-        network.lanes[i].edge for i, links in enumerate(network.outgoing) for c in links if first & set(c.via)
-    }
+    prior = {network.lanes[i].edge for i, links in enumerate(network.outgoing) for c in links if first & set(c.via)}
     assert prior <= set(target.params.main_in)
     # The posts are the same ones, and only some other plates hang there.
     assert [replace(s, code="2.4", params=None) for s in other.signs] == [

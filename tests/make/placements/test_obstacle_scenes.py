@@ -177,9 +177,7 @@ def test_the_closed_exit_varies(networks: dict[str, RoadNetwork]) -> None:
     assert len(hints) == 6
 
 
-def test_an_exit_that_is_short_or_one_of_two_is_not_closed(
-    networks: dict[str, RoadNetwork], tmp_path: Path
-) -> None:
+def test_an_exit_that_is_short_or_one_of_two_is_not_closed(networks: dict[str, RoadNetwork], tmp_path: Path) -> None:
     recipe, (row, crop) = recipe_of("blocked_road"), MAPS["blocked_road"]
     short = replace(recipe, numbers={**recipe.numbers, "least_exit_m": 500})
     # A main road with nothing but a one-way street into it: who drives along it can't leave it.
@@ -193,17 +191,11 @@ def test_an_exit_that_is_short_or_one_of_two_is_not_closed(
     lonely = crossroads(arms=arms, through=[[0, 1]])
     net = tmp_path / "street.net.xml.gz"
     build_net(placement_of(recipe).prepare(lonely, street, recipe), net)
-    for one, network, numbers in (
-        (row, networks["blocked_road"], short),
-        (lonely, read_network(net), recipe),
-    ):
+    for one, network, numbers in ((row, networks["blocked_road"], short), (lonely, read_network(net), recipe)):
         task = SceneTask(
-            one, network, LaneGraph(network), numbers, variants_of("t", "m")[1], (CALM,),
-            np.random.default_rng(1),
-        )  # fmt: skip
-        with pytest.raises(
-            UnfitMapError, match="no way from the main road into an exit that could be closed"
-        ):
+            one, network, LaneGraph(network), numbers, variants_of("t", "m")[1], (CALM,), np.random.default_rng(1)
+        )
+        with pytest.raises(UnfitMapError, match="no way from the main road into an exit that could be closed"):
             placement_of(numbers).place(task)
 
 

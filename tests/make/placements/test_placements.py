@@ -180,9 +180,7 @@ def build(
     monkeypatch.setattr(site_module, "plain_crop", lambda *_: crop)
     monkeypatch.setattr(site_module, "variants_of", lambda *of: [variants_of(*of)[k] for k in numbers])
     recipe = recipe_of(type_id)
-    recipe = replace(
-        recipe, violating_baseline=violating_baseline, paired=recipe.paired if paired is None else paired
-    )
+    recipe = replace(recipe, violating_baseline=violating_baseline, paired=recipe.paired if paired is None else paired)
     builder = SiteBuilder(recipe, root, simulation(), prover or Recorder())
     return builder.build(row, None, "test")  # type: ignore[arg-type]
 
@@ -191,9 +189,7 @@ def build(
 def lone_yield(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> LoneYield:
     """Builds variants of `yield` without contrast halves, each time below a folder of its own name."""
 
-    def built(
-        folder: str, numbers: tuple[int, ...], prover: Recorder | None = None, **more: str
-    ) -> MapScenarios:
+    def built(folder: str, numbers: tuple[int, ...], prover: Recorder | None = None, **more: str) -> MapScenarios:
         return build("yield", tmp_path / folder, monkeypatch, numbers, prover, paired=False, **more)
 
     return built
@@ -258,9 +254,7 @@ def test_a_map_that_no_expert_solves_is_unfit(lone_yield: LoneYield) -> None:
     assert site.reason == "variant 1, 4 draws, at last: no expert solves it"
 
 
-def test_one_of_ten_need_not_tempt(
-    tmp_path: Path, lone_yield: LoneYield, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_of_ten_need_not_tempt(tmp_path: Path, lone_yield: LoneYield, monkeypatch: pytest.MonkeyPatch) -> None:
     # Of the two that are built here one is half.
     monkeypatch.setattr(site_module, "UNTEMPTING_MOST", 0.5)
     site = lone_yield("half", (0, 1), Recorder(lambda spec, k: (k > 0, spec.variant == 0)))

@@ -78,13 +78,7 @@ def task_of(
     recipe, network = recipe_of(type_id), networks[type_id]
     variant = Variant(1, (90.0, 120.0)[layout % 2], 4.0, speed, 0, layout)
     return SceneTask(
-        MADE[type_id][0],
-        network,
-        LaneGraph(network),
-        recipe,
-        variant,
-        (CALM,) * 12,
-        np.random.default_rng(seed),
+        MADE[type_id][0], network, LaneGraph(network), recipe, variant, (CALM,) * 12, np.random.default_rng(seed)
     )
 
 
@@ -203,9 +197,7 @@ def test_users_meet_an_ego_that_stays_in_its_lane(
     assert 1 <= len(c.places) <= counts[layout % len(counts)]
     assert all(user.length < p < lane.line.length for p in c.places)
     # From front to front they keep the headway: the model's is that of the gap.
-    assert user.headway + (user.length + user.gap) / user.speed == pytest.approx(
-        recipe.number("user_headway_s")
-    )
+    assert user.headway + (user.length + user.gap) / user.speed == pytest.approx(recipe.number("user_headway_s"))
     start = network.lane(a.start.lane)
     across = math.dist(start.line.points[-1], lane.line.points[-1])
     meet = c.ego_zone_m - across
@@ -244,9 +236,7 @@ def test_users_come_towards_the_ego_on_the_oncoming_lane_alone(
 
 
 @pytest.mark.parametrize("type_id", SAME)
-def test_the_halves_exchange_the_plates_of_the_two_posts(
-    networks: dict[str, RoadNetwork], type_id: str
-) -> None:
+def test_the_halves_exchange_the_plates_of_the_two_posts(networks: dict[str, RoadNetwork], type_id: str) -> None:
     task = task_of(networks, type_id)
     placement = placement_of(task.recipe)
     signed = placement.place(task)
@@ -302,9 +292,7 @@ def test_a_contraflow_lane_needs_an_exit_of_as_many_lanes_straight_ahead() -> No
 
 
 @pytest.mark.parametrize("type_id", TYPES)
-def test_a_site_is_sound_and_its_users_are_there(
-    type_id: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_site_is_sound_and_its_users_are_there(type_id: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(site_module, "plain_crop", lambda *_: MADE[type_id][1])
     monkeypatch.setattr(site_module, "variants_of", lambda *names: variants_of(*names)[:2])
     site = SiteBuilder(recipe_of(type_id), tmp_path, simulation()).build(MADE[type_id][0], None, "test")  # type: ignore[arg-type]

@@ -207,8 +207,7 @@ def test_a_way_on_which_others_go_first_is_unfit(
     lanes = network.lanes
     first = next(c.via[0] for c in network.connections if c.state == "M" and lanes[c.from_lane].edge == "bq")
     other = tuple(
-        replace(c, yields_to=frozenset({first})) if lanes[c.from_lane].edge == "qu0" else c
-        for c in network.connections
+        replace(c, yields_to=frozenset({first})) if lanes[c.from_lane].edge == "qu0" else c for c in network.connections
     )
     monkeypatch.setitem(networks, "no_turn_left", replace(network, connections=other))
     with pytest.raises(UnfitMapError, match="others go first on the obedient way at the end of qu0"):
@@ -219,9 +218,7 @@ def test_a_turn_that_sumo_calls_by_another_name_is_unfit(
     networks: dict[str, RoadNetwork], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     network = networks["no_turn_left"]
-    other = tuple(
-        replace(c, direction="s" if c.direction == "r" else c.direction) for c in network.connections
-    )
+    other = tuple(replace(c, direction="s" if c.direction == "r" else c.direction) for c in network.connections)
     monkeypatch.setitem(networks, "no_turn_left", replace(network, connections=other))
     with pytest.raises(UnfitMapError, match="SUMO calls the turn into bt 's', by its angle it is right"):
         place(networks, "no_turn_left")

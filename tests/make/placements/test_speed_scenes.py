@@ -105,12 +105,7 @@ def test_at_each_border_the_begin_faces_who_enters_and_the_end_who_leaves(
         hung = [(s.code, s.posted) for s in half.signs]
         assert hung == [ours, (ends[ours[0]], ours[1]), (ends[theirs[0]], theirs[1]), theirs]
         begin, end, other_end, other_begin = half.signs
-        assert (begin.edge, end.edge, other_end.edge, other_begin.edge) == (
-            "road.1",
-            "back",
-            "road.0",
-            "back",
-        )
+        assert (begin.edge, end.edge, other_end.edge, other_begin.edge) == ("road.1", "back", "road.0", "back")
         assert abs(begin.x - end.x) < 1.0 > abs(other_end.x - other_begin.x)
         assert other_end.position_m < half.start.s - EGO_LENGTH_M / 2
 

@@ -66,9 +66,7 @@ def built(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     root, recipe = tmp_path_factory.mktemp("pairs"), load_recipe(request.param, load_catalog())
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(site_module, "plain_crop", lambda *_: crop)
-        patch.setattr(
-            site_module, "variants_of", lambda *n: [v for v in variants_of(*n) if v.density < most][1:2]
-        )
+        patch.setattr(site_module, "variants_of", lambda *n: [v for v in variants_of(*n) if v.density < most][1:2])
         prover = Certifier(simulation(), SceneLoader(DataSet.in_use(), SceneFolder(root)))
         site = SiteBuilder(recipe, root, simulation(), prover).build(row, None, "train")  # type: ignore[arg-type]
     assert site.reason == ""

@@ -25,16 +25,7 @@ from tsbench.make.scenes.drivers import Driver
 from tsbench.make.scenes.elements import background, driver_types, write_additional
 from tsbench.make.scenes.plate_roads import plate_roads
 from tsbench.make.scenes.scene_files import lead_time
-from tsbench.make.scenes.traffic import (
-    Car,
-    Router,
-    Sent,
-    TrafficRequest,
-    avoidable,
-    lane_km,
-    shut_roads,
-    standing_cars,
-)
+from tsbench.make.scenes.traffic import Car, Router, Sent, TrafficRequest, avoidable, lane_km, shut_roads, standing_cars
 from tsbench.roads.lane_graph import Destination, LaneGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.sim.scene import EgoStart
@@ -88,10 +79,7 @@ def test_nobody_stands_near_the_ego_nor_where_it_was_forbidden(
 
 @settings(deadline=None, max_examples=40)
 @given(
-    seed=st.integers(0, 2**32 - 1),
-    lane=st.sampled_from([0, 1, 2]),
-    s=st.floats(10.0, 290.0),
-    speed=st.floats(0, 14),
+    seed=st.integers(0, 2**32 - 1), lane=st.sampled_from([0, 1, 2]), s=st.floats(10.0, 290.0), speed=st.floats(0, 14)
 )
 def test_beside_the_ego_twelve_metres_are_free(
     on_road: SceneMaker, seed: int, lane: int, s: float, speed: float
@@ -224,9 +212,7 @@ def test_a_road_is_shut_with_those_that_lead_to_the_egos_ways_alone(block: RoadN
     roads, road = plate_roads(LaneGraph(block)), ("bc", "cd", "da")
     none = Sent(frozenset(), frozenset())
     into = {("ab", "bc"), ("ub", "bc")}
-    assert shut_roads(roads, [road], ego={"ta", "ab", "bu"}, sent=none) == Sent(
-        frozenset(into), frozenset(road)
-    )
+    assert shut_roads(roads, [road], ego={"ta", "ab", "bu"}, sent=none) == Sent(frozenset(into), frozenset(road))
     more = shut_roads(roads, [road], ego={"ub", "ba"}, sent=none)
     assert more == Sent(frozenset(into), frozenset(road))
     more = shut_roads(roads, [road], ego={"ba", "at"}, sent=none)
@@ -255,8 +241,7 @@ def test_the_convoys_lead_is_timed_from_its_stand(on_cross: SceneMaker, tmp_path
         convoy_at=("e_in_0", (100.0,), ("e_in", "w_out")),
     )  # fmt: skip
     times = [
-        lead_time(simulation(), on_cross.net, on_cross.path(spec), on_cross.network, 7, way)
-        for way in (5, 20, 45)
+        lead_time(simulation(), on_cross.net, on_cross.path(spec), on_cross.network, 7, way) for way in (5, 20, 45)
     ]
     assert times == sorted(times)
     # 1.5 m/s2 is CALM's most: no car is faster than that, and an IDM driver not much slower at first.

@@ -23,8 +23,7 @@ from tsbench.sim.scene import Obstacle
 Case = dict[str, Any]
 HERE = Path(__file__).parent
 PLACES, DRIVEN = (
-    yaml.safe_load((HERE / f"{name}_plates.yaml").read_text(encoding="utf-8"))
-    for name in ("placed", "driven")
+    yaml.safe_load((HERE / f"{name}_plates.yaml").read_text(encoding="utf-8")) for name in ("placed", "driven")
 )
 BESIDE_M = -2.8
 

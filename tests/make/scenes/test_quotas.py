@@ -18,14 +18,7 @@ from tsbench.core.parallel import Workers
 from tsbench.core.provenance import closure
 from tsbench.make.city import load_city
 from tsbench.make.scenes import build as build_module
-from tsbench.make.scenes.build import (
-    BuildRequest,
-    TypeBuilder,
-    TypeReport,
-    _reason_class,
-    build_scenarios,
-    stratum_of,
-)
+from tsbench.make.scenes.build import BuildRequest, TypeBuilder, TypeReport, _reason_class, build_scenarios, stratum_of
 from tsbench.make.scenes.recipe import Recipe, load_recipe
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.spec import ScenarioSpec
@@ -70,11 +63,7 @@ class Pool:
         self.asked.append(name)
         reason = self.unfit.get(name, "")
         files = {k: f"scenes/detour_right/{name}/{k}.gz" for k in ("net", "additional")}
-        rows = (
-            []
-            if reason
-            else [asdict(replace(SPEC, scenario_id=f"s-{name}", map_id=name, split=split, **files))]
-        )
+        rows = [] if reason else [asdict(replace(SPEC, scenario_id=f"s-{name}", map_id=name, split=split, **files))]
         for file in files.values() if rows else ():
             (root / file).parent.mkdir(parents=True, exist_ok=True)
             (root / file).write_bytes(gzip.compress(file.encode()))
@@ -94,9 +83,7 @@ def fill(
     root: Path, rows: list[PoolRow], pool: Pool | None = None, split: str = "train", workers: int = 2
 ) -> tuple[list[str], dict[str, int], dict[str, int], TypeReport]:
     request = BuildRequest((), root, root, workers, "")
-    builder = TypeBuilder(
-        request, recipe(), Workers(pool or Pool()), dict.fromkeys((r.map_id for r in rows), split)
-    )  # type: ignore[arg-type]
+    builder = TypeBuilder(request, recipe(), Workers(pool or Pool()), dict.fromkeys((r.map_id for r in rows), split))  # type: ignore[arg-type]
     told: list[tuple[str, int, int]] = []
     sites, report = builder.fill(rows, split, lambda *a: told.append(a))
     assert [t[1] for t in told] == list(range(1, len(sites) + 1))
@@ -131,9 +118,7 @@ def test_a_withdrawn_map_is_not_tried(tmp_path: Path, monkeypatch: pytest.Monkey
     rows = strewn(12)
     before, *_ = fill(tmp_path / "a", rows)
     withdrawn = frozenset(before[:3])
-    monkeypatch.setattr(
-        build_module, "chosen_city", lambda: replace(load_city("moscow"), withdrawn=withdrawn)
-    )
+    monkeypatch.setattr(build_module, "chosen_city", lambda: replace(load_city("moscow"), withdrawn=withdrawn))
     names, counts, _, report = fill(tmp_path / "b", rows)
     assert not withdrawn & set(names)
     assert (counts, report.reasons) == (QUOTA, {}), "others take their place"
@@ -287,6 +272,4 @@ def test_a_build_ends_with_tables_and_stores_the_same_bytes_again(
     assert build(tmp_path / "a") == first
     assert pools[1].asked == []
     # Another map, another store.
-    assert (
-        build(tmp_path / "b")["scenes/test/detour_right.parquet"] != first["scenes/test/detour_right.parquet"]
-    )
+    assert build(tmp_path / "b")["scenes/test/detour_right.parquet"] != first["scenes/test/detour_right.parquet"]

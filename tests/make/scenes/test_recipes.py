@@ -81,16 +81,8 @@ def good() -> dict:
         ("horizon", 5, "horizon: must be a whole number >= 10, not 5"),
         ("choices", {"users": []}, "choices: users: must be a list of length >= 1, not []"),
         ("choices", {"users": [0]}, "choices: users: number 1: must be a whole number >= 1, not 0"),
-        (
-            "choices",
-            {"limits_kmh": [500]},
-            "choices: limits_kmh: number 1: must be a number <= 200.0, not 500",
-        ),
-        (
-            "choices",
-            {"presets": [{"count": "x"}]},
-            "choices: presets: number 1: count: must be a whole number",
-        ),
+        ("choices", {"limits_kmh": [500]}, "choices: limits_kmh: number 1: must be a number <= 200.0, not 500"),
+        ("choices", {"presets": [{"count": "x"}]}, "choices: presets: number 1: count: must be a whole number"),
         ("choices", {"presets": [{"colour": 1}]}, "choices: presets: number 1: colour: unknown key"),
         ("choices", {"main_plates": [2.1]}, "choices: main_plates: number 1: must be text, not 2.1"),
     ],

@@ -58,9 +58,7 @@ def test_an_ego_over_the_end_of_its_lane(on_block: SceneMaker, s: float) -> None
 
 
 def test_a_destination_beyond_its_edge(on_block: SceneMaker) -> None:
-    assert problems(on_block, end=Destination("bu", 150.0)) == [
-        "the destination is 150.0 m along an edge of 142.8 m"
-    ]
+    assert problems(on_block, end=Destination("bu", 150.0)) == ["the destination is 150.0 m along an edge of 142.8 m"]
 
 
 def test_no_way(on_block: SceneMaker) -> None:
@@ -94,11 +92,7 @@ def test_a_bend_that_no_car_can_take(tmp_path: Path, degrees: float, sharp: bool
     build_net(plain([a, b, c], [edge(a, b), edge(b, c)]), net)
     made = SceneMaker(tmp_path, net, read_network(net))
     found = problems(
-        made,
-        EgoStart("ab_0", 60.0, 5.0),
-        Destination("bc", 50.0),
-        ("ab", "bc"),
-        plate(made.network, "ab", 100.0),
+        made, EgoStart("ab_0", 60.0, 5.0), Destination("bc", 50.0), ("ab", "bc"), plate(made.network, "ab", 100.0)
     )
     assert any("the way of navigation turns by" in p for p in found) is sharp
 
@@ -162,13 +156,9 @@ def test_bodies_inside_each_other(on_block: SceneMaker) -> None:
     late = [cars[0], replace(cars[1], depart=20.0)]
     assert problems(on_block, cars=late) == []
     cones = obstacle(on_block.network, "ab_0", 48.0)
-    assert "obstacle_0 and bg_000 start in the same place" in problems(
-        on_block, cars=cars[:1], obstacles=[cones]
-    )
+    assert "obstacle_0 and bg_000 start in the same place" in problems(on_block, cars=cars[:1], obstacles=[cones])
     convoy = ("ab_0", (51.0,), ("ab", "bu"))
-    assert "convoy_0 and bg_000 start in the same place" in problems(
-        on_block, cars=cars[:1], convoy_at=convoy
-    )
+    assert "convoy_0 and bg_000 start in the same place" in problems(on_block, cars=cars[:1], convoy_at=convoy)
 
 
 def test_the_limit_that_judges_is_the_one_on_the_map(on_block: SceneMaker) -> None:
@@ -185,12 +175,7 @@ def test_the_limit_that_judges_is_the_one_on_the_map(on_block: SceneMaker) -> No
 
 def test_a_way_over_a_junction_has_the_lower_limit(on_block: SceneMaker) -> None:
     network = on_block.network
-    edges = {
-        name: replace(one, road_class="slow" if name == "ab" else "fast")
-        for name, one in network.edges.items()
-    }
+    edges = {name: replace(one, road_class="slow" if name == "ab" else "fast") for name, one in network.edges.items()}
     classed = replace(network, edges=edges, class_speed={"slow": 5.0, "fast": 20.0})
-    (link,) = (
-        c for c in classed.outgoing[classed.lane_index["ta_0"]] if classed.lanes[c.to_lane].edge == "ab"
-    )
+    (link,) = (c for c in classed.outgoing[classed.lane_index["ta_0"]] if classed.lanes[c.to_lane].edge == "ab")
     assert [classed.shown_limits[k] for k in (link.from_lane, *link.via, link.to_lane)] == [20.0, 5.0, 5.0]

@@ -33,21 +33,13 @@ def pools(draw: st.DrawFn) -> list[PoolRow]:
     for k in range(n):
         east, north = (float(v) for v in middle + rng.uniform(0.0, side, 2))
         half = float(rng.uniform(20.0, 450.0))
-        family, shape = [
-            ("junction", "T"), ("corridor", "straight"), ("dual_path", "X"), ("roundabout", "ring")
-        ][int(rng.integers(4))]  # fmt: skip
+        family, shape = [("junction", "T"), ("corridor", "straight"), ("dual_path", "X"), ("roundabout", "ring")][
+            int(rng.integers(4))
+        ]
         if family == "roundabout":
             arms = rng.uniform(-250.0, 250.0, (int(rng.integers(1, 6)), 2))
             rows += [
-                row(
-                    f"r-{k}-{i}",
-                    family,
-                    shape,
-                    east=east + dx,
-                    north=north + dy,
-                    half=half,
-                    junctions=(f"ring{k}",),
-                )
+                row(f"r-{k}-{i}", family, shape, east=east + dx, north=north + dy, half=half, junctions=(f"ring{k}",))
                 for i, (dx, dy) in enumerate(arms.tolist())
             ]
         else:
@@ -156,10 +148,7 @@ def apart(*maps: PoolRow) -> list[PoolRow]:
 
 
 def test_maps_within_three_hundred_metres_are_one_place_and_what_they_join() -> None:
-    near = [
-        row(name, east=east, half=50.0)
-        for name, east in (("a", 0.0), ("b", 400.0), ("c", 801.0), ("d", 1202.0))
-    ]
+    near = [row(name, east=east, half=50.0) for name, east in (("a", 0.0), ("b", 400.0), ("c", 801.0), ("d", 1202.0))]
     assert places_of(apart(*near)) == {"a": "a", "b": "a", "c": "c", "d": "d"}
     assert set(places_of(apart(*near, row("ab", east=600.0, half=50.0))).values()) == {"a", "d"}
     assert places_of([]) == {}
@@ -174,9 +163,7 @@ def test_maps_of_one_ring_or_one_way_are_one_place_however_far_apart() -> None:
 
 
 def test_rows_get_the_place_of_their_map_among_the_maps_of_their_table() -> None:
-    maps = apart(
-        *(row(name, east=east, half=50.0) for name, east in (("a", 0.0), ("b", 400.0), ("c", 800.0)))
-    )
+    maps = apart(*(row(name, east=east, half=50.0) for name, east in (("a", 0.0), ("b", 400.0), ("c", 800.0))))
     rows = [replace(spec(name), map_id=name) for name in ("a", "c", "gone")]
     assert [r.place for r in with_places(rows, maps)] == ["a", "c", ""]
 

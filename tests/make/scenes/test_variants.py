@@ -13,12 +13,7 @@ from hypothesis import strategies as st
 
 from tsbench.core.seeds import rng_of, seed_of
 from tsbench.make.scenes.drivers import BODIES, draw_driver, draw_drivers
-from tsbench.make.scenes.variants import (
-    LAYOUTS,
-    ROUTE_LENGTHS_M,
-    Variant,
-    variants_of,
-)
+from tsbench.make.scenes.variants import LAYOUTS, ROUTE_LENGTHS_M, Variant, variants_of
 from tsbench.sim.nuplan import quantile, quantile_speed, statistics
 
 NAMES = st.text(st.characters(min_codepoint=32), max_size=20)
@@ -40,16 +35,10 @@ def test_variants_never_change() -> None:
 
 
 def test_neither_hash_seed_nor_order_matters() -> None:
-    code = (
-        "from tsbench.make.scenes.variants import variants_of as v; print(v('yield', 'b'), v('yield', 'a'))"
-    )
+    code = "from tsbench.make.scenes.variants import variants_of as v; print(v('yield', 'b'), v('yield', 'a'))"
     told = {
         subprocess.run(
-            [sys.executable, "-c", code],
-            capture_output=True,
-            text=True,
-            check=True,
-            env={"PYTHONHASHSEED": seed},
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={"PYTHONHASHSEED": seed}
         ).stdout
         for seed in ("1", "2")
     }
@@ -72,9 +61,7 @@ def test_ten_variants_the_first_nominal_the_others_in_a_ninth_each(scenario_type
 
 
 @given(st.floats(60.0, 120.0), st.floats(0.0, 100.0), st.floats(0.0, 300.0))
-def test_routes_end_on_the_map_and_no_sooner_than_the_type_needs(
-    asked: float, least: float, more: float
-) -> None:
+def test_routes_end_on_the_map_and_no_sooner_than_the_type_needs(asked: float, least: float, more: float) -> None:
     room = least + more
     end = Variant(1, asked, 4.0, 7.75, 0, 0).route_end(least, room)
     assert least - 0.06 <= end <= room + 0.06

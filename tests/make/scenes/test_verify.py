@@ -34,9 +34,7 @@ def certificate(row: ScenarioSpec, **fields: object) -> Certificate:
 
 
 def problems(*rows: ScenarioSpec, **fields: object) -> list[tuple[str, str]]:
-    return verify_pairs(
-        rows, [certificate(row, **fields) for row in {r.scenario_id: r for r in rows}.values()]
-    )
+    return verify_pairs(rows, [certificate(row, **fields) for row in {r.scenario_id: r for r in rows}.values()])
 
 
 def test_a_sound_pair_and_a_row_without_one() -> None:
@@ -45,9 +43,7 @@ def test_a_sound_pair_and_a_row_without_one() -> None:
     assert problems(SIGNED, OTHER, differs_s=4.0, brake_mps2=6.0) == []
 
 
-@pytest.mark.parametrize(
-    "rows", [(SIGNED,), (OTHER,), (OTHER, SIGNED), (SIGNED, replace(SIGNED, scenario_id="x"))]
-)
+@pytest.mark.parametrize("rows", [(SIGNED,), (OTHER,), (OTHER, SIGNED), (SIGNED, replace(SIGNED, scenario_id="x"))])
 def test_halves_that_are_not_side_by_side(rows: tuple[ScenarioSpec, ...]) -> None:
     said = ("speed_limit-a-v0", "is not one signed row and, next to it, one contrast row")
     assert problems(*rows) == [said]

@@ -32,21 +32,14 @@ def walker(name: str, side: str, from_kerb: float, speed: Callable[[float, World
     way = -1.0 if side == "left" else 1.0
     kerb = KERBS[side]
     track = Polyline([(120.5, kerb - way * 30.0), (120.5, kerb + way * 40.0)])
-    return Body(
-        name, (), 30.0 - from_kerb, speed, kind=ActorKind.PEDESTRIAN, length=0.3, width=0.5, track=track
-    )
+    return Body(name, (), 30.0 - from_kerb, speed, kind=ActorKind.PEDESTRIAN, length=0.3, width=0.5, track=track)
 
 
-def world(
-    network: RoadNetwork, *people: Body, lane: int = 0, speed: float = 8.0, before: float = 60.0
-) -> World:
+def world(network: RoadNetwork, *people: Body, lane: int = 0, speed: float = 8.0, before: float = 60.0) -> World:
     params = CrosswalkParams(":B_c0", "bc")
     sign = SignInstance("sign_0", "5.19", None, "ab", -1, 117.0, 117.0, -7.6, 0.0, "target", None, params)
     start = CROSSING_X - before - EGO_LENGTH_M / 2
-    return World(
-        network, f"ab_{lane}", start, speed, Destination("bc", 90.0), bodies=list(people),
-        target=sign,
-    )  # fmt: skip
+    return World(network, f"ab_{lane}", start, speed, Destination("bc", 90.0), bodies=list(people), target=sign)
 
 
 def setting_off(after: float, speed: float) -> Callable[[float, World], float]:

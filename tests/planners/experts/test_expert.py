@@ -5,19 +5,7 @@ from __future__ import annotations
 from itertools import pairwise
 
 import pytest
-from planner_loop import (
-    KMH,
-    Body,
-    World,
-    car,
-    constant,
-    front_of,
-    load,
-    target_plate,
-    to_line,
-    touched,
-    verdict,
-)
+from planner_loop import KMH, Body, World, car, constant, front_of, load, target_plate, to_line, touched, verdict
 
 from tsbench.core.errors import InputError
 from tsbench.geometry.footprint import boxes_overlap
@@ -36,9 +24,7 @@ YIELD = target_plate("2.4", "sc", junction="c", approach="sc", main_in="wc ec")
 
 def junction(network: RoadNetwork, target: str, bodies: list[Body], speed: float = 8.0) -> World:
     lane = network.lane("sc_0").line.length
-    return World(
-        network, "sc_0", lane - 62.0, speed, Destination(target, 60.0), bodies=bodies, target=YIELD
-    )  # fmt: skip
+    return World(network, "sc_0", lane - 62.0, speed, Destination(target, 60.0), bodies=bodies, target=YIELD)
 
 
 def test_goes_through_without_a_stop_where_nobody_comes() -> None:
@@ -166,8 +152,7 @@ def test_passes_the_obstacle_on_the_allowed_side(speed: float) -> None:
 @pytest.mark.parametrize(("speed", "start"), [(8.0, 12.0), (4.0, 0.0), (8.0, 0.0)])
 def test_waits_for_a_gap_in_the_lane_beside(speed: float, start: float) -> None:
     queue = [
-        Body(f"q{k}", ("ab_0", "bd_0"), 25.0 + 12.0 * k, lambda t, _: speed if t >= start else 0.0)
-        for k in range(7)
+        Body(f"q{k}", ("ab_0", "bd_0"), 25.0 + 12.0 * k, lambda t, _: speed if t >= start else 0.0) for k in range(7)
     ]
     world = detour(queue, 8.0).run(Expert(Idm()), 60.0)
     assert passes_clear(world, "right")
@@ -226,9 +211,7 @@ def test_holds_any_base_at_the_line_and_within_the_limit() -> None:
     world = junction(network, "cn", vehicles).run(Expert(Stubborn()), 15.0)
     assert to_line(world)[-1] > 0.7
     limit = target_plate("3.24", "sc", 30.0, 60.0, zone_edges="sc")
-    world = World(network, "sc_0", 5.0, 5.0, Destination("cn", 60.0), target=limit).run(
-        Expert(Stubborn()), 30.0
-    )
+    world = World(network, "sc_0", 5.0, 5.0, Destination("cn", 60.0), target=limit).run(Expert(Stubborn()), 30.0)
     assert max(e.speed for e in world.states if front_of(e) > 60.0 and e.s > 60.0) * KMH <= 30.0
 
 

@@ -28,9 +28,8 @@ def drive(code: str, target: str, *bodies: Body, speed: float = 8.0, **params: s
     network = load("cross")
     start = network.lane("sc_0").line.length - 62.0
     world = World(
-        network, "sc_0", start, speed, Destination(target, 60.0), bodies=list(bodies),
-        target=plate(code, **params),
-    )  # fmt: skip
+        network, "sc_0", start, speed, Destination(target, 60.0), bodies=list(bodies), target=plate(code, **params)
+    )
     return world.run(Expert(Idm()), 60.0)
 
 
@@ -127,9 +126,7 @@ def test_right_of_way_is_read_from_the_network() -> None:
     assert "nc cw" not in first | met
 
 
-def seen(
-    s: float, speed: float, accel: float = 0.0, standing: float = 0.0, source: str = "nc"
-) -> ObservedVehicle:
+def seen(s: float, speed: float, accel: float = 0.0, standing: float = 0.0, source: str = "nc") -> ObservedVehicle:
     network = load("cross")
     way = next(w for w in junction_paths(network, (source,)) if w.target.edge in ("cs", "ce"))
     zone = passage(network, "cw", (way,), 1).zones[0]

@@ -29,20 +29,14 @@ def target_plate(code: str, edge: str, value: float, at: float, zone: str) -> Si
 
 @pytest.mark.parametrize("base", BASES)
 @pytest.mark.parametrize(("code", "end", "limit"), [("5.31", "5.32", 30.0), ("5.21", "5.22", 20.0)])
-def test_a_zone_is_kept_to_on_every_edge(
-    code: str, end: str, limit: float, base: Callable[[], Planner]
-) -> None:
+def test_a_zone_is_kept_to_on_every_edge(code: str, end: str, limit: float, base: Callable[[], Planner]) -> None:
     network = load("corridor")
     # Of the two end plates the first ends a zone that is over already.
-    ends = tuple(
-        SignView(end, limit, 0.0, 0.0, 0.0, *at, 10.0) for at in (("ab", -1, 60.0), ("bd", -1, 40.0))
-    )
+    ends = tuple(SignView(end, limit, 0.0, 0.0, 0.0, *at, 10.0) for at in (("ab", -1, 60.0), ("bd", -1, 40.0)))
     rule = target_plate(code, "ab", limit, 150.0, "ab bd")
 
     def drive(planner: Planner) -> World:
-        return World(
-            network, "ab_0", 90.0, 12.0, Destination("bd", 80.0), signs=ends, target=rule
-        ).run(planner, 90.0)  # fmt: skip
+        return World(network, "ab_0", 90.0, 12.0, Destination("bd", 80.0), signs=ends, target=rule).run(planner, 90.0)
 
     obedient, blind = drive(Expert(base())), drive(Idm())
     bd = network.lane("bd_0").index
@@ -67,9 +61,7 @@ def leader(speed_kmh: float, gap: float) -> Body:
 @pytest.mark.parametrize("base", BASES)
 @pytest.mark.parametrize("minimum", [40.0, 50.0])
 @pytest.mark.parametrize("deficit", [12.0, 18.0])
-def test_is_fast_enough_where_the_minimum_binds(
-    base: Callable[[], Planner], minimum: float, deficit: float
-) -> None:
+def test_is_fast_enough_where_the_minimum_binds(base: Callable[[], Planner], minimum: float, deficit: float) -> None:
     world = min_speed(minimum, deficit, []).run(Expert(base()), 60.0)
     assert world.arrived
     assert verdict(world).engaged
@@ -85,9 +77,7 @@ def test_is_fast_enough_where_the_minimum_binds(
 
 @pytest.mark.parametrize("base", BASES)
 @pytest.mark.parametrize("gap", [12.0, 25.0, 60.0])
-def test_stays_behind_a_slower_leader_near_enough_to_be_excused(
-    base: Callable[[], Planner], gap: float
-) -> None:
+def test_stays_behind_a_slower_leader_near_enough_to_be_excused(base: Callable[[], Planner], gap: float) -> None:
     slow = leader(34.0, gap)
     world = min_speed(50.0, 15.0, [slow]).run(Expert(base()), 60.0)
     assert world.arrived

@@ -65,11 +65,7 @@ def test_no_plate_reaches_it() -> None:
 def test_what_hangs_on_a_post_changes_nothing(driver: type[Blind]) -> None:
     drives = [
         road(sign).run(driver(), 8.0).controls
-        for sign in (
-            plate("3.24", 20.0, 130.0),
-            plate("5.31", 70.0, 130.0),
-            plate("3.24", 20.0, 130.0).masked(),
-        )
+        for sign in (plate("3.24", 20.0, 130.0), plate("5.31", 70.0, 130.0), plate("3.24", 20.0, 130.0).masked())
     ]
     assert drives[0] == drives[1] == drives[2]
 

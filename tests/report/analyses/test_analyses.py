@@ -73,8 +73,7 @@ def test_spearman_s_interval_covers_the_truth() -> None:
 
 
 @pytest.mark.parametrize(
-    ("metric", "rho"),
-    [("driving_score", -0.19), ("destination", -0.23), ("efficiency", -0.76), ("collision", -0.91)],
+    ("metric", "rho"), [("driving_score", -0.19), ("destination", -0.23), ("efficiency", -0.76), ("collision", -0.91)]
 )
 def test_spearman_of_the_study_s_nine_planners(metric: str, rho: float) -> None:
     nine = without_experts()
@@ -92,11 +91,7 @@ def test_spearman_says_why_there_is_nothing() -> None:
     assert (four.value, four.low) == (pytest.approx(0.8), None)
     assert "fewer than 5 planners" in four.reason
     whole = spearman(range(8), range(8))
-    assert (whole.value, whole.low, whole.reason) == (
-        pytest.approx(1.0),
-        None,
-        "ranks agree wholly: no interval",
-    )
+    assert (whole.value, whole.low, whole.reason) == (pytest.approx(1.0), None, "ranks agree wholly: no interval")
 
 
 def test_the_published_table_is_whole() -> None:
@@ -112,12 +107,7 @@ def test_csv_has_ends_n_title_and_contract_in_each_row() -> None:
     rows = list(csv.DictReader(io.StringIO(text)))
     assert text.splitlines()[0] == "planner,scd,scd_low,scd_high,scd_n,n,p,title,contract"
     assert rows[0]["planner"] == HOSTILE
-    assert [rows[0][key] for key in ("scd", "scd_low", "scd_high", "scd_n")] == [
-        "12.345",
-        "10.0",
-        "15.0",
-        "40",
-    ]
+    assert [rows[0][key] for key in ("scd", "scd_low", "scd_high", "scd_n")] == ["12.345", "10.0", "15.0", "40"]
     assert [rows[2][key] for key in ("scd", "scd_low", "scd_n", "p")] == ["", "", "0", ""]
     assert {(row["title"], row["contract"]) for row in rows} == {("A title", "c0ffee")}
 

@@ -78,9 +78,7 @@ def test_an_interval_with_a_negative_end_has_columns_for_its_ends(tmp_path: Path
     (folder / "main.md").write_text(MAIN.replace("3.3 (2.9–3.4)", "-0.6 (-0.8 to -0.4)"), encoding="utf-8")
     path = page(tmp_path, "<!-- analysis main | columns planner, SCD all | csv long -->\n<!-- end -->")
     refresh(path, folder)
-    assert (tmp_path / "tables" / "long.csv").read_text(encoding="utf-8").splitlines()[
-        1
-    ] == "idm,-0.6,-0.8,-0.4"
+    assert (tmp_path / "tables" / "long.csv").read_text(encoding="utf-8").splitlines()[1] == "idm,-0.6,-0.8,-0.4"
 
 
 def test_a_group_that_was_not_driven_has_no_column(tmp_path: Path, folder: Path) -> None:
@@ -93,9 +91,7 @@ def test_a_group_that_was_not_driven_has_no_column(tmp_path: Path, folder: Path)
 def test_some_planners_rows(tmp_path: Path, folder: Path) -> None:
     path = page(tmp_path, "<!-- analysis main | planners a\\_b | columns planner, DS % -->\n<!-- end -->")
     refresh(path, folder)
-    assert path.read_text(encoding="utf-8").splitlines()[1:-1] == [
-        "| planner | DS % |", "|---|---:|", "| a\\_b | – |",
-    ]  # fmt: skip
+    assert path.read_text(encoding="utf-8").splitlines()[1:-1] == ["| planner | DS % |", "|---|---:|", "| a\\_b | – |"]
 
 
 def test_a_figure_is_copied_to_where_the_page_shows_it(tmp_path: Path, folder: Path) -> None:

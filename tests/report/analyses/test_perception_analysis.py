@@ -61,15 +61,8 @@ def test_a_row_for_each_planner_and_level_the_best_eyes_first(tmp_path: Path) ->
     ]
     # The levels have one selection, however many planners drove it.
     found = perception(runs, allow_partial=False)
-    rows = [
-        dict(zip((c.key for c in found.table.columns), row.cells, strict=True)) for row in found.table.rows
-    ]
-    assert [(r["planner"], r["level"]) for r in rows] == [
-        ("a", "exact"),
-        ("a", "good"),
-        ("a", "poor"),
-        ("b", "exact"),
-    ]
+    rows = [dict(zip((c.key for c in found.table.columns), row.cells, strict=True)) for row in found.table.rows]
+    assert [(r["planner"], r["level"]) for r in rows] == [("a", "exact"), ("a", "good"), ("a", "poor"), ("b", "exact")]
     assert [cast(Value, r[PAIRED]).value for r in rows[:2]] == [100.0, 100.0]
     assert cast(Value, rows[2][PAIRED]).value == pytest.approx(50.0 * (1.0 + 23 / 24))
     assert (rows[2]["failed"], rows[2]["missed"]) == (1, None)

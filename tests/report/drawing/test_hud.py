@@ -99,7 +99,5 @@ def test_the_strip_shows_speed_violation_and_moment() -> None:
     # At the left edge, in the middle, at the right edge.
     assert np.abs(np.array(moments) - (0, 199, 398)).max() <= 1
     assert (page == STYLE.trail).all(axis=2).any()
-    assert (page[:, 230] == page[0, 230]).all(
-        axis=1
-    ).sum() > 40  # the time of the violation has another ground
+    assert (page[:, 230] == page[0, 230]).all(axis=1).sum() > 40  # the time of the violation has another ground
     assert tuple(page[2, 230]) != STYLE.panel

@@ -32,9 +32,7 @@ def scene_of(rows: dict[tuple[str, str], ScenarioSpec], kind: str, half: str) ->
     return scene
 
 
-def test_the_plate_is_drawn_beneath_the_plate_of_priority(
-    rows: dict[tuple[str, str], ScenarioSpec],
-) -> None:
+def test_the_plate_is_drawn_beneath_the_plate_of_priority(rows: dict[tuple[str, str], ScenarioSpec]) -> None:
     scene = scene_of(rows, "main_road", "signed")
     target = main_roads(scene.network, scene.signs)[scene.target]
     plates = {shape.name: shape for shape in furniture_shapes(scene) if isinstance(shape, DrawnPlate)}
@@ -62,9 +60,7 @@ def test_a_crossing_has_stripes_where_its_plate_stands(rows: dict[tuple[str, str
     scene = scene_of(rows, "crosswalk", "signed")
     assert any(isinstance(shape, Area) for shape in mark_shapes(scene.network, scene))
     others = tuple(replace(sign, code="3.24", params=None) for sign in scene.signs)
-    assert not any(
-        isinstance(shape, Area) for shape in mark_shapes(scene.network, replace(scene, signs=others))
-    )
+    assert not any(isinstance(shape, Area) for shape in mark_shapes(scene.network, replace(scene, signs=others)))
 
 
 def test_the_plate_is_a_picture_of_its_roads() -> None:
@@ -83,9 +79,7 @@ def test_the_reserved_lane_is_the_plates_in_each_half(rows: dict[tuple[str, str]
     for half in ("signed", "contrast"):
         scene = scene_of(rows, "bus_lane", half)
         (area,) = (
-            s.polygon
-            for s in mark_shapes(scene.network, scene)
-            if isinstance(s, Area) and s.colour == "reserved"
+            s.polygon for s in mark_shapes(scene.network, scene) if isinstance(s, Area) and s.colour == "reserved"
         )
         found.append(area)
         assert not any(isinstance(s, Area) and s.colour == "reserved" for s in mark_shapes(scene.network))

@@ -120,9 +120,7 @@ def test_places_along_a_rounded_line_are_those_of_the_line_where_it_is_straight(
     s, points = rounded_along(line, 1.0)
     assert s[0] == 0.0
     assert s[-1] == line.length
-    away = [
-        float(np.hypot(*(np.array(line.point_at(at)) - point))) for at, point in zip(s, points, strict=True)
-    ]
+    away = [float(np.hypot(*(np.array(line.point_at(at)) - point))) for at, point in zip(s, points, strict=True)]
     straight = np.abs(s - 40.0) > 8.0
     assert max(np.array(away)[straight]) == pytest.approx(0.0, abs=1e-9)
     assert 0.5 < max(away) < 3.0
@@ -136,9 +134,7 @@ def test_buildings_stand_beside_the_roads() -> None:
         for row in rows.values():
             built = [one.polygon for one in ground_shapes(row.map_id) if one.colour == "building"]
             shapes = list(road_shapes(load_scene(DataSet.in_use(), row).network))
-            asphalt = shapely.union_all(
-                [s.polygon for s in shapes if isinstance(s, Area) and s.colour == "asphalt"]
-            )
+            asphalt = shapely.union_all([s.polygon for s in shapes if isinstance(s, Area) and s.colour == "asphalt"])
             houses += sum(shape.area for shape in built)
             on_roads += sum(shape.intersection(asphalt).area for shape in built)
     assert houses > 1_000.0

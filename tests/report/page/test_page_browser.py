@@ -84,9 +84,7 @@ def test_it_opens_from_disk_and_names_are_text(chromium: Browser, report: Path) 
         page.click("#episode-table button:text('clear')")
         page.click("#episode-table th[data-name='violation_time_s'] button")
         page.click("#episode-table th[data-name='violation_time_s'] button")
-        assert (
-            page.get_attribute("#episode-table th[data-name='violation_time_s']", "aria-sort") == "descending"
-        )
+        assert page.get_attribute("#episode-table th[data-name='violation_time_s']", "aria-sort") == "descending"
         assert "over_limit" in page.inner_text("#episode-table tbody tr:first-child")
 
 
@@ -243,9 +241,7 @@ def test_a_served_run_fetches_what_it_plays(chromium: Browser, run: Path) -> Non
         server = make_server([run], 0)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
-    url = (
-        f"http://127.0.0.1:{server.server_address[1]}/run/0/#play={quote(f'{HOSTILE}/{TRACED[0]}', safe='')}"
-    )
+    url = f"http://127.0.0.1:{server.server_address[1]}/run/0/#play={quote(f'{HOSTILE}/{TRACED[0]}', safe='')}"
     try:
         with opened(chromium, url) as page:
             until(page, "tsb.player.episode !== null")

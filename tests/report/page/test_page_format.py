@@ -149,9 +149,7 @@ def test_what_was_told_stands_beside_what_stood_there(tmp_path: Path) -> None:
         ("misread", "3.24|70", "3.24|40", True),
         ("false", "2.4", "", False),
     ]
-    assert [one["time"] for one in header["told"]] == [
-        read_trace(path).snapshots[k].time for k in (10, 12, 15)
-    ]
+    assert [one["time"] for one in header["told"]] == [read_trace(path).snapshots[k].time for k in (10, 12, 15)]
 
 
 def test_the_least_time_to_collision_is_the_metric(tmp_path: Path) -> None:
@@ -176,10 +174,7 @@ def test_the_least_time_to_collision_is_the_metric(tmp_path: Path) -> None:
 def test_who_slows_down_has_its_brakes_on(tmp_path: Path) -> None:
     """Ego and leader slow down twice by 3 m/s, in consecutive ticks."""
     gone = np.cumsum(np.repeat((1.0, 0.7, 0.4, 0.4), (20, 1, 1, 20)))
-    egos = [
-        made.ego(60.0 + x, speed=10.0 * v)
-        for x, v in zip(gone, np.diff(gone, append=gone[-1] + 0.4), strict=True)
-    ]
+    egos = [made.ego(60.0 + x, speed=10.0 * v) for x, v in zip(gone, np.diff(gone, append=gone[-1] + 0.4), strict=True)]
     lead = made.straight(len(gone), 0.0, -4.8, 0.0, 0.0)
     lead[:, 0] = 100.0 + gone
     spec = replace(made.spec("speed_limit-m0-v0"), map_id="map-1-0")

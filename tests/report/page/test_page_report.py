@@ -34,9 +34,7 @@ def no_charts(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def write(run: Path, partial: bool = False) -> tuple[Written, str]:
-    done = write_report(
-        [run], None, allow_partial=partial, max_mb=20.0, workers=1, progress=lambda done, of: None
-    )
+    done = write_report([run], None, allow_partial=partial, max_mb=20.0, workers=1, progress=lambda done, of: None)
     return done, done.path.read_text(encoding="utf-8")
 
 
@@ -202,9 +200,6 @@ def test_a_figure_without_an_interval_says_why() -> None:
     unsure = Row(("b", Value(50.0, None, None, 4, "only 4 places, fewer than 5")))
     for rows, notes in (
         ((sure,), ("a note",)),
-        (
-            (sure, unsure, unsure),
-            ("a note", "why some figures have no interval: only 4 places, fewer than 5"),
-        ),
+        ((sure, unsure, unsure), ("a note", "why some figures have no interval: only 4 places, fewer than 5")),
     ):
         assert show(Analysis("one", "One", "", Table(columns, rows, 1), ("a note",)))["notes"] == notes

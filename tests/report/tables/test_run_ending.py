@@ -16,13 +16,7 @@ from tsbench.run.log.schema import VIOLATIONS
 
 def event(scenario: str, clause: str, sentence: str) -> dict[str, Any]:
     blank = {field.name: "" if str(field.type) == "string" else 0 for field in VIOLATIONS}
-    given = {
-        "planner": "idm",
-        "scenario_id": scenario,
-        "target": True,
-        "clause": clause,
-        "sentence": sentence,
-    }
+    given = {"planner": "idm", "scenario_id": scenario, "target": True, "clause": clause, "sentence": sentence}
     return blank | given
 
 
@@ -45,11 +39,7 @@ def run(tmp_path: Path) -> StoredRun:
     told = [
         # Of one moment: what stands first in the table is not what the record names.
         event("yield-m1-v0", "contact", "At 7.0 s the ego touched convoy_0."),
-        event(
-            "yield-m1-v0",
-            "entered_while_blocked",
-            f"At 7.0 s the ego had 3.1 m/s2 and {'a long way ' * 9}left.",
-        ),
+        event("yield-m1-v0", "entered_while_blocked", f"At 7.0 s the ego had 3.1 m/s2 and {'a long way ' * 9}left."),
         event("yield-m1-v1", "entered_while_blocked", "At 6.0 s the ego entered."),
     ]
     return read_run(make_run(tmp_path / "my run", idm + mine, events=told))
@@ -109,8 +99,6 @@ def test_what_to_cite_names_edition_selection_and_scoring(tmp_path: Path) -> Non
     (line,), entry = citation(pool.runs[0], pool.summaries)
     effective, scoring = pool.runs[0].manifest["effective"], pool.runs[0].manifest.get("scoring", 1)
     figure = headline(pool.summaries)[1][0][1].replace(" (", " % (")
-    assert line.startswith(
-        f"idm: paired SCD {figure}, n = 48 (tsbench {pool.edition}, {effective['split']} split"
-    )
+    assert line.startswith(f"idm: paired SCD {figure}, n = 48 (tsbench {pool.edition}, {effective['split']} split")
     assert line.endswith(f"scoring {scoring}, contract {pool.contract[:12]})")
     assert f"note    = {{edition {pool.edition}, scoring {scoring}}}" in entry

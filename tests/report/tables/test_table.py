@@ -134,11 +134,7 @@ def test_tables_fit_eighty_columns_with_every_head(planners: tuple[str, ...]) ->
 
 def test_a_long_text_is_folded() -> None:
     reason = "none (only 3 places, fewer than 5 of them, and they are all of one and the same road)"
-    columns = (
-        Column("planner", "planner", Kind.TEXT),
-        Column("scd", "SCD"),
-        Column("why", "interval", Kind.TEXT),
-    )
+    columns = (Column("planner", "planner", Kind.TEXT), Column("scd", "SCD"), Column("why", "interval", Kind.TEXT))
     table = Table(columns, (Row(("a" * 40, Value(12.5, n=3), reason)),), 1)
     file = io.StringIO()
     print_analysis(Analysis("x", "title", "", table, ()), Console(file=file, width=60, color_system=None))

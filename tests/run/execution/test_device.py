@@ -18,15 +18,12 @@ def devices(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, device: 
     log = tmp_path / f"{name}.log"
     monkeypatch.setenv("DEVICES_LOG", str(log))
     tsbench.evaluate(
-        [PLANNER], split="dev", types=("yield",), limit=2, workers=1, trace="none", device=device,
-        out=tmp_path / name,
-    )  # fmt: skip
+        [PLANNER], split="dev", types=("yield",), limit=2, workers=1, trace="none", device=device, out=tmp_path / name
+    )
     return {*log.read_text().split()}
 
 
-def test_a_network_runs_on_the_device_that_is_asked_for(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_network_runs_on_the_device_that_is_asked_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert devices(tmp_path, monkeypatch, "cpu", "cpu") == {"cpu"}
     assert devices(tmp_path, monkeypatch, "gpu", "cuda") == {"cuda"}
     for name in ("episodes.parquet", "violations.parquet"):

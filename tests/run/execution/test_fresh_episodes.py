@@ -41,9 +41,7 @@ def driven(file: str, names: tuple[str, ...], out: Path, *, isolate: bool = Fals
     return {name: sorted(commands) for name, commands in found.items()}
 
 
-def test_what_a_driver_keeps_in_its_process_does_not_reach_the_next_episode(
-    drivers: str, tmp_path: Path
-) -> None:
+def test_what_a_driver_keeps_in_its_process_does_not_reach_the_next_episode(drivers: str, tmp_path: Path) -> None:
     names = ("InObject", "InModule", "InProcess")
     assert driven(drivers, names, tmp_path / "run") == {name: [FIRST, FIRST] for name in names}
 

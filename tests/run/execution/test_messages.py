@@ -25,9 +25,7 @@ from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.data_set import DataSet
 
 WHO = PlannerInfo("mine", "mine.py:mine", False, True, ("cuda",), None, "c0de")
-RECORD = Record(
-    {"planner": "mine", "x": 0.1 + 0.2, "error": None}, [{"number": 0}], {"total_s": 1e-9}, "", "a1"
-)
+RECORD = Record({"planner": "mine", "x": 0.1 + 0.2, "error": None}, [{"number": 0}], {"total_s": 1e-9}, "", "a1")
 
 
 @pytest.mark.parametrize(

@@ -13,10 +13,7 @@ from run_helpers import Bench
 RUN = ["run", "--planner", "fake_planners:Slow", "--planner", "fake_planners:Exits", "--split", "test"]
 RUN += ["--trace", "all"]
 # Ray's own processes get the time that a busy machine needs; nothing is reported home.
-SETTINGS = {
-    "RAY_USAGE_STATS_ENABLED": "0",
-    "RAY_agent_register_timeout_ms": "600000",
-}
+SETTINGS = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_agent_register_timeout_ms": "600000"}
 pytestmark = pytest.mark.slow
 
 

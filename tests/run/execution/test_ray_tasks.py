@@ -75,9 +75,7 @@ def driven(
     pool._actors = [_ActorHandle(Actor(deadly, sent)) for _ in range(actors)]
     rows = (specs() * count)[:count]
     kept: list[Record] = []
-    pool.run(
-        SETUP, TaskQueue(Task(k, 0, rows[k - 1]) for k in range(1, count + 1)), kept.append, lambda: False
-    )
+    pool.run(SETUP, TaskQueue(Task(k, 0, rows[k - 1]) for k in range(1, count + 1)), kept.append, lambda: False)
     return kept, sent
 
 

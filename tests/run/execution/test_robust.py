@@ -22,10 +22,7 @@ BROKEN_LINE = "the planner has closed or used the line between its worker and th
 EXPECTED = {
     "Raises": ("planner_error", "RuntimeError: no idea what to do with <object object at 0x…>"),
     "PrintsAndRaises": ("planner_error", "ValueError: enough"),
-    "ReturnsNone": (
-        "invalid_output",
-        "PlannerOutputError: act returned NoneType, expected Control or Trajectory",
-    ),
+    "ReturnsNone": ("invalid_output", "PlannerOutputError: act returned NoneType, expected Control or Trajectory"),
     "Nan": ("invalid_output", "acceleration nan"),
     "Inf": ("invalid_output", "steering inf"),
     "WrongShape": ("invalid_output", "shapes"),
@@ -132,8 +129,7 @@ def test_children_of_a_planner_do_not_outlive_its_worker(misbehaved: Path) -> No
 @pytest.mark.parametrize("misdeed", HOSTILE)
 def test_a_misdeed_costs_its_own_episode(misbehaved: Path, misdeed: str) -> None:
     rows = sorted(
-        (r for r in rows_of(misbehaved / "run").values() if r["planner"] == "Hostile"),
-        key=lambda r: r["seed"],
+        (r for r in rows_of(misbehaved / "run").values() if r["planner"] == "Hostile"), key=lambda r: r["seed"]
     )
     row, (outcome, error) = rows[list(HOSTILE).index(misdeed)], HOSTILE[misdeed]
     assert row["outcome"] == outcome

@@ -45,9 +45,7 @@ def test_an_older_schema(made: Bench, copy: Path, command: list[str]) -> None:
     assert done.stderr.count("\n") == 1
 
 
-def test_another_contract_is_refused_compared_with_none_and_judged_with_a_note(
-    made: Bench, copy: Path
-) -> None:
+def test_another_contract_is_refused_compared_with_none_and_judged_with_a_note(made: Bench, copy: Path) -> None:
     change_manifest(copy, contract="f" * 64)
     done = made.run(*COMMANDS[0], expect=2)
     assert "copy: holds another run: contract is ffffffffffff, not " in done.stderr

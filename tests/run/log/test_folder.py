@@ -85,9 +85,7 @@ def test_a_disk_that_fills_up_loses_nothing(bench: Bench) -> None:
     assert "of 10 episodes are already there" in done.stderr
     bench.run(*run, "--out", "undisturbed")
     for name in ("episodes.parquet", "violations.parquet"):
-        assert (bench.folder / "full" / name).read_bytes() == (
-            bench.folder / "undisturbed" / name
-        ).read_bytes()
+        assert (bench.folder / "full" / name).read_bytes() == (bench.folder / "undisturbed" / name).read_bytes()
 
 
 @pytest.fixture

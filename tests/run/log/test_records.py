@@ -111,11 +111,7 @@ def test_a_null_where_none_may_be_is_a_defect(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("content", "words"),
-    [
-        (None, "no such table"),
-        (b"PAR1 cut", "not a readable Parquet"),
-        (pa.table({"a": [1]}), "schema version"),
-    ],
+    [(None, "no such table"), (b"PAR1 cut", "not a readable Parquet"), (pa.table({"a": [1]}), "schema version")],
 )
 def test_tables_that_are_none(tmp_path: Path, content, words: str) -> None:
     path = tmp_path / "episodes.parquet"

@@ -38,9 +38,7 @@ class Client:
     that its constructor left; None: this process plays them all.
     """
 
-    def __init__(
-        self, line: socket.socket, loaded: LoadedPlanner, planner: Planner, leavings: Leavings | None
-    ) -> None:
+    def __init__(self, line: socket.socket, loaded: LoadedPlanner, planner: Planner, leavings: Leavings | None) -> None:
         self._line, self._loaded, self._leavings = line, loaded, leavings
         self._planner: Planner | None = planner
         self._decoder = Decoder()
@@ -109,9 +107,7 @@ def main(spec: str) -> None:
         loaded = resolve(spec)
         planner = _made(loaded)
     except InputError as problem:
-        line.sendall(
-            protocol.frame(protocol.HelloMessage(protocol.VERSION, problem=written_out(str(problem))))
-        )
+        line.sendall(protocol.frame(protocol.HelloMessage(protocol.VERSION, problem=written_out(str(problem)))))
         return
     forks = not (loaded.own or loaded.keeps_process or shared_with_children() - before)
     weights_file = loaded.weights.file if loaded.weights else None

@@ -26,9 +26,7 @@ def command_message(output: object) -> bytes:
             times, poses = output.times, output.poses
             return protocol.frame(
                 protocol.TrajectoryMessage(
-                    _floats("Trajectory.times", times, 1),
-                    _floats("Trajectory.poses", poses, 3),
-                    _intent(output.intent),
+                    _floats("Trajectory.times", times, 1), _floats("Trajectory.poses", poses, 3), _intent(output.intent)
                 )
             )
     except KeyboardInterrupt:
@@ -64,9 +62,7 @@ def _floats(name: str, value: Any, width: int) -> protocol.Floats:
         raise PlannerOutputError(f"{name} is {type(value).__name__}, expected a NumPy array of numbers")
     good = value.ndim == 1 if width == 1 else value.ndim == 2 and value.shape[1] == width
     if not good or len(value) > MAX_TRAJECTORY_POSES:
-        raise PlannerOutputError(
-            f"{name} has shape {value.shape}, expected at most {MAX_TRAJECTORY_POSES} rows"
-        )
+        raise PlannerOutputError(f"{name} has shape {value.shape}, expected at most {MAX_TRAJECTORY_POSES} rows")
     single = value.dtype == np.float32
     return protocol.Floats(
         "<f4" if single else "<f8", value.shape, np.asarray(value, "<f4" if single else "<f8").tobytes()

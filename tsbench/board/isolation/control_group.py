@@ -70,9 +70,7 @@ def _hierarchies(memory_bytes: int, processes: int) -> list[tuple[Path, Mapping[
                 break
             with suppress(FileNotFoundError):
                 if {"memory", "pids"} <= set((folder / "cgroup.subtree_control").read_text().split()):
-                    return [
-                        (folder, {"memory.max": memory_bytes, "memory.swap.max": 0, "pids.max": processes})
-                    ]
+                    return [(folder, {"memory.max": memory_bytes, "memory.swap.max": 0, "pids.max": processes})]
     if {"memory", "pids"} <= own.keys():
         memory = {
             "memory.limit_in_bytes": memory_bytes,

@@ -15,13 +15,7 @@ from typing import Any, Final
 
 from tsbench.board.isolation.planner_files import PlannerFiles
 from tsbench.board.isolation.sandbox import asked
-from tsbench.board.isolation.sandbox_paths import (
-    LIMITS,
-    MEMORY_BYTES,
-    SCRATCH_MB,
-    arithmetic,
-    command_of,
-)
+from tsbench.board.isolation.sandbox_paths import LIMITS, MEMORY_BYTES, SCRATCH_MB, arithmetic, command_of
 from tsbench.core.errors import InputError
 from tsbench.planners.planner_spec import PlannerSpec
 from tsbench.planners.registry import source_of
@@ -89,9 +83,7 @@ class Container:
                     "needs python3 with tsbench, or a program that connects to TSBENCH_LINE; see its messages above"
                 )
         self.close()
-        raise InputError(
-            f"--image {image}: its planner has not connected to TSBENCH_LINE within {_START_S:.0f} s"
-        )
+        raise InputError(f"--image {image}: its planner has not connected to TSBENCH_LINE within {_START_S:.0f} s")
 
     def close(self) -> None:
         """End the container and all that runs in it."""
@@ -131,9 +123,14 @@ def image_id(engine: str, image: str) -> str:
 
 
 def run_arguments(
-    engine: str, image: str, name: str, folder: Path, spec: str, command: Sequence[str],
+    engine: str,
+    image: str,
+    name: str,
+    folder: Path,
+    spec: str,
+    command: Sequence[str],
     mounts: Sequence[tuple[Path, Path]],
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """The arguments of `docker run` or `podman run`.
 
     folder: of the sandbox, with the line's folder in it. mounts: copies of the planner's files, and where they are to
@@ -174,13 +171,7 @@ def run_arguments(
 def remove_abandoned(engine: str) -> None:
     """Remove containers whose worker was killed: the folder that they were started with is gone."""
     _, told, _ = asked(
-        engine,
-        "ps",
-        "--all",
-        "--filter",
-        f"label={_LABEL}",
-        "--format",
-        f'{{{{.Names}}}} {{{{.Label "{_LABEL}"}}}}',
+        engine, "ps", "--all", "--filter", f"label={_LABEL}", "--format", f'{{{{.Names}}}} {{{{.Label "{_LABEL}"}}}}'
     )
     for line in told.splitlines():
         name, _, folder = line.partition(" ")

@@ -16,14 +16,7 @@ from tsbench.planners.planner_spec import EXECUTABLE, PlannerSpec
 from tsbench.planners.registry import LoadedPlanner, entry, is_own, source_of
 from tsbench.planners.weights import file_of
 from tsbench.run import opened_files
-from tsbench.run.planner_info import (
-    PlannerInfo,
-    SandboxedPlanner,
-    changed,
-    code_hash_of,
-    files_place,
-    source_places,
-)
+from tsbench.run.planner_info import PlannerInfo, SandboxedPlanner, changed, code_hash_of, files_place, source_places
 
 # Of its name, characters.
 _LONGEST = 100
@@ -48,11 +41,17 @@ def describe(spec: str, hidden: Sequence[Path] = (), only: Sequence[str] = ()) -
     remembers = facts.keeps_process and not begins_afresh(spec)
     # Isolated networks run on the CPU.
     info = PlannerInfo(
-        name=name, spec=spec, served_on=(), weights_sha256=weights_hash(inner, facts.weights_file),
-        code_sha256=code_hash_of(inner), privileged=facts.privileged,
-        sign_access=facts.sign_access, floor=facts.floor,
-        may_remember=remembers, files=files.lines,
-    )  # fmt: skip
+        name=name,
+        spec=spec,
+        served_on=(),
+        weights_sha256=weights_hash(inner, facts.weights_file),
+        code_sha256=code_hash_of(inner),
+        privileged=facts.privileged,
+        sign_access=facts.sign_access,
+        floor=facts.floor,
+        may_remember=remembers,
+        files=files.lines,
+    )
     return SandboxedPlanner(info, process.effects)
 
 
@@ -71,15 +70,9 @@ def changed_files(spec: str, planner: PlannerInfo) -> list[str]:
         here.remove()
         return opened_files.names({*planner.files} - {*here.lines})
     place = files_place(inner)
-    own = {
-        name: line for line in planner.opened if not (name := line.partition("  ")[2]).startswith(("/", "~/"))
-    }
+    own = {name: line for line in planner.opened if not (name := line.partition("  ")[2]).startswith(("/", "~/"))}
     # A run names what lies there. Any other name would have a file of this machine's read for whoever wrote it.
-    known = [
-        line
-        for name, line in own.items()
-        if place and (place / expanded(name)).resolve().is_relative_to(place)
-    ]
+    known = [line for name, line in own.items() if place and (place / expanded(name)).resolve().is_relative_to(place)]
     return [*opened_files.names({*own.values()} - {*known}), *changed(known, place)]
 
 
@@ -105,9 +98,7 @@ def begins_afresh(spec: str) -> bool:
     return not parsed.isolated_only and is_own(source_of(parsed.text))
 
 
-def load(
-    planner: PlannerInfo, hidden: Sequence[str] = (), *, alone: bool = False, show: bool = False
-) -> LoadedPlanner:
+def load(planner: PlannerInfo, hidden: Sequence[str] = (), *, alone: bool = False, show: bool = False) -> LoadedPlanner:
     """A planner for a worker of a run, whose own code runs in sandboxes only.
 
     alone: each episode has a new one. show: as for `PlannerProcess`, outside of workers.

@@ -72,11 +72,7 @@ class Leavings:
         found: _State = {
             "limits": [resource.getrlimit(kind) for kind in range(_LAST_LIMIT + 1)],
             "priority": (os.getpriority(os.PRIO_PROCESS, 0), _io_priority()),
-            "schedule": (
-                os.sched_getscheduler(0),
-                os.sched_getparam(0).sched_priority,
-                os.sched_getaffinity(0),
-            ),
+            "schedule": (os.sched_getscheduler(0), os.sched_getparam(0).sched_priority, os.sched_getaffinity(0)),
             "group": (os.getpgid(0), os.getsid(0)),
             "status": [line for line in _text(_OWN / "status").splitlines() if line.startswith(_STATUS)],
             "settings": [_text(_OWN / name) for name in _SETTINGS],

@@ -14,13 +14,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from importlib.util import cache_from_source
 from pathlib import Path
 
-from tsbench.board.isolation.sandbox_paths import (
-    covered,
-    is_installed,
-    is_of_tsbench,
-    is_public,
-    shown_to_all,
-)
+from tsbench.board.isolation.sandbox_paths import covered, is_installed, is_of_tsbench, is_public, shown_to_all
 from tsbench.core.errors import InputError
 from tsbench.core.paths import expanded
 from tsbench.core.provenance import closure_paths
@@ -106,9 +100,7 @@ def _check_public(spec: str, place: Path) -> None:
         )
 
 
-def _bounded(
-    spec: str, place: Path, paths: Iterable[Path], only: Collection[str] | None
-) -> list[tuple[str, Path]]:
+def _bounded(spec: str, place: Path, paths: Iterable[Path], only: Collection[str] | None) -> list[tuple[str, Path]]:
     """(name below the place, path) of those that are to be seen. InputError for too many, before any is read."""
     found, size = [], 0
     for path in paths:

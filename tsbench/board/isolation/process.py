@@ -172,12 +172,7 @@ class IsolatedPlanner:
     """
 
     def __init__(
-        self,
-        make: Callable[[], PlannerProcess],
-        *,
-        own: bool = False,
-        alone: bool = False,
-        keeps: bool = False,
+        self, make: Callable[[], PlannerProcess], *, own: bool = False, alone: bool = False, keeps: bool = False
     ) -> None:
         self._make, self._own, self._alone, self._keeps = make, own, alone, keeps
         self._process: PlannerProcess | None = None

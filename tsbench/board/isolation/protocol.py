@@ -37,10 +37,7 @@ class ProtocolError(Exception):
 
 
 class Message(
-    msgspec.Struct,
-    forbid_unknown_fields=True,
-    tag_field="kind",
-    tag=lambda name: name.removesuffix("Message").lower(),
+    msgspec.Struct, forbid_unknown_fields=True, tag_field="kind", tag=lambda name: name.removesuffix("Message").lower()
 ):
     """Base of all."""
 
@@ -104,9 +101,7 @@ class Floats(msgspec.Struct, array_like=True, forbid_unknown_fields=True):
     """An array in a planner's answer."""
 
     dtype: Literal["<f8", "<f4"]
-    shape: Annotated[
-        tuple[Annotated[int, msgspec.Meta(ge=0, le=MOST_BYTES)], ...], msgspec.Meta(max_length=2)
-    ]
+    shape: Annotated[tuple[Annotated[int, msgspec.Meta(ge=0, le=MOST_BYTES)], ...], msgspec.Meta(max_length=2)]
     data: bytes
 
     def array(self) -> Array:

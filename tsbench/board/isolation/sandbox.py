@@ -42,9 +42,7 @@ _LONGEST: Final = 200
 def asked(*command: str) -> tuple[int, str, str]:
     """Exit status, output, and the last line of what went wrong."""
     try:
-        done = subprocess.run(
-            command, capture_output=True, text=True, errors="replace", timeout=_ANSWER_S, check=False
-        )
+        done = subprocess.run(command, capture_output=True, text=True, errors="replace", timeout=_ANSWER_S, check=False)
     except subprocess.TimeoutExpired:
         return 1, "", f"no answer within {_ANSWER_S:.0f} s"
     except OSError as problem:
@@ -66,9 +64,7 @@ _FIRST_UID: Final = 0x40000000
 _UIDS_OF_A_PROCESS: Final = 256
 # Joins the control groups whose files come first, up to "--". The line to the referee arrives as standard input, and is
 # descriptor 3 for the program.
-_BEGIN: Final = (
-    'while [ "$1" != -- ]; do echo $$ >"$1" || exit; shift; done; shift; exec 3<&0 </dev/null; exec "$@"'
-)
+_BEGIN: Final = 'while [ "$1" != -- ]; do echo $$ >"$1" || exit; shift; done; shift; exec 3<&0 </dev/null; exec "$@"'
 # Above the line's.
 _FIRST_DESCRIPTOR: Final = 20
 # The kernel's for a new pipe.
@@ -89,9 +85,7 @@ class _Maker(NamedTuple):
 class Sandbox:
     """A planner's program in a sandbox. line: the socket to it; effects: what holds it, for the run's manifest."""
 
-    def __init__(
-        self, spec: str, hidden: Sequence[Path], files: PlannerFiles, output: int | None = None
-    ) -> None:
+    def __init__(self, spec: str, hidden: Sequence[Path], files: PlannerFiles, output: int | None = None) -> None:
         """files: copies of the planner's own files. hidden: what it is not to see, such as the run.
 
         output: a descriptor for what it prints; None: this process's.

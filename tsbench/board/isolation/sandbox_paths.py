@@ -13,27 +13,11 @@ from tsbench.core.machine import ONE_THREAD
 from tsbench.core.paths import data_file, installed_data, roots
 from tsbench.planners.planner_spec import PlannerSpec, parts_of
 
-_SYSTEM = (
-    "/usr",
-    "/bin",
-    "/sbin",
-    "/lib",
-    "/lib64",
-    "/etc/ld.so.cache",
-    "/etc/localtime",
-    "/etc/alternatives",
-)
+_SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib64", "/etc/ld.so.cache", "/etc/localtime", "/etc/alternatives")
 # Of the data, what tells of scenes; planners' weights and the catalogue stay.
 _DATA = ("scenarios", "sumo_nets", "cities", "runs", ".git")
 # What decides which code a library picks for a processor, and with it last places of numbers.
-_ARITHMETIC = (
-    "ATEN_CPU_CAPABILITY",
-    "GLIBC_TUNABLES",
-    "MKL_",
-    "NPY_DISABLE_CPU_FEATURES",
-    "OPENBLAS_",
-    "DNNL_",
-)
+_ARITHMETIC = ("ATEN_CPU_CAPABILITY", "GLIBC_TUNABLES", "MKL_", "NPY_DISABLE_CPU_FEATURES", "OPENBLAS_", "DNNL_")
 _PACKAGE = Path(tsbench.__file__).resolve().parent
 _PYTHON = (sys.prefix, sys.base_prefix)
 
@@ -55,18 +39,13 @@ def environment_of() -> dict[str, str]:
 
 def arithmetic() -> dict[str, str]:
     """Of the environment what decides the last places of numbers."""
-    return {
-        **ONE_THREAD,
-        **{name: value for name, value in os.environ.items() if name.startswith(_ARITHMETIC)},
-    }
+    return {**ONE_THREAD, **{name: value for name, value in os.environ.items() if name.startswith(_ARITHMETIC)}}
 
 
 def command_of(spec: str, python: str) -> list[str]:
     """What is to run in a sandbox. python: its name there. Raises InputError for a file that cannot be executed."""
     program = PlannerSpec(spec).executable()
-    return (
-        [str(program)] if program else [python, "-P", "-m", "tsbench.board.isolation.client", _absolute(spec)]
-    )
+    return [str(program)] if program else [python, "-P", "-m", "tsbench.board.isolation.client", _absolute(spec)]
 
 
 def _absolute(spec: str) -> str:

@@ -46,9 +46,15 @@ _NEWER: Final[Mapping[str, int]] = {
 # processors and limits, and not those of the process that all its planner's episodes come from. A socket of another
 # family than AF_UNIX leaves counts and ports in use for a minute, though there is no network.
 _ONLY: Final[Mapping[str, tuple[int, ...]]] = {
-    "prlimit64": (0,), "sched_setparam": (0,), "sched_setscheduler": (0,), "sched_setaffinity": (0,),
-    "sched_setattr": (0,), "setpriority": (0, 0), "ioprio_set": (1, 0), "socket": (1,),
-}  # fmt: skip
+    "prlimit64": (0,),
+    "sched_setparam": (0,),
+    "sched_setscheduler": (0,),
+    "sched_setaffinity": (0,),
+    "sched_setattr": (0,),
+    "setpriority": (0, 0),
+    "ioprio_set": (1, 0),
+    "socket": (1,),
+}
 # Flags of clone that make namespaces.
 _NAMESPACES: Final = 0x7E020000
 # Calls of the x86_64 kernel under other numbers.
@@ -77,11 +83,7 @@ def call_filter() -> bytes:
     steps += [(_AT_LEAST, 0, 1, _X32), (_RETURN, 0, 0, _REFUSE)]
     # Its flags lie where no filter sees them: who misses it uses clone.
     steps += [(_IS, 0, 1, clone3), (_RETURN, 0, 0, _MISSING)]
-    steps += [
-        step
-        for number in sorted(numbers.values())
-        for step in ((_IS, 0, 1, number), (_RETURN, 0, 0, _REFUSE))
-    ]
+    steps += [step for number in sorted(numbers.values()) for step in ((_IS, 0, 1, number), (_RETURN, 0, 0, _REFUSE))]
     for number, wanted in only.items():
         # The lower half of an argument, which is all of it that the kernel looks at.
         asked: list[tuple[int, int, int, int]] = []

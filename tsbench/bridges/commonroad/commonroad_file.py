@@ -42,12 +42,7 @@ from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind
 
 # CommonRoad's made-up country: signs carry its default numbers, which are modelled on the German ones.
 COUNTRY = "ZAM"
-_KINDS = {
-    ActorKind.CAR: "car",
-    ActorKind.BUS: "bus",
-    ActorKind.BICYCLE: "bicycle",
-    ActorKind.PEDESTRIAN: "pedestrian",
-}
+_KINDS = {ActorKind.CAR: "car", ActorKind.BUS: "bus", ActorKind.BICYCLE: "bicycle", ActorKind.PEDESTRIAN: "pedestrian"}
 _TAGS = {"junction": "intersection", "roundabout": "roundabout"}
 _NO_GEO_NAME = -999
 
@@ -60,9 +55,7 @@ def write_commonroad(trace: Trace, scene: Scene, path: Path) -> None:
     roads = lanelets(scene, cut, sign_ids, ids)
     ego = Track(-1, "ego", ActorKind.CAR, EGO_LENGTH_M, EGO_WIDTH_M, 0, ego_rows(trace))
     day = datetime.now(UTC).date().isoformat()
-    made = (
-        f"tsbench {tsbench.__version__}: {trace.planner} on {trace.spec.scenario_id}; {ATTRIBUTION}, ODbL 1.0"
-    )
+    made = f"tsbench {tsbench.__version__}: {trace.planner} on {trace.spec.scenario_id}; {ATTRIBUTION}, ODbL 1.0"
     head = {
         "commonRoadVersion": "2020a",
         "benchmarkID": benchmark_id(trace),
@@ -89,9 +82,7 @@ def write_commonroad(trace: Trace, scene: Scene, path: Path) -> None:
 
 def benchmark_id(trace: Trace) -> str:
     """COUNTRY_Map-1_VARIANT_T-1: one map, one configuration per variant, trajectories."""
-    name = "".join(
-        part.capitalize() for part in (trace.spec.scenario_type + "_" + trace.spec.map_id).split("_")
-    )
+    name = "".join(part.capitalize() for part in (trace.spec.scenario_type + "_" + trace.spec.map_id).split("_"))
     letters = "".join(c for c in name if c.isalnum())
     return f"{COUNTRY}_{letters}-1_{trace.spec.variant + 1}_T-1"
 
@@ -113,11 +104,7 @@ def _location(trace: Trace) -> list[Element]:
 
 def _state(tag: str, tick: int, row: Sequence[float]) -> Element:
     x, y, heading, speed = row
-    exact = {
-        "orientation": number(math.remainder(heading, math.tau)),
-        "time": str(tick),
-        "velocity": number(speed),
-    }
+    exact = {"orientation": number(math.remainder(heading, math.tau)), "time": str(tick), "velocity": number(speed)}
     return E(tag, E.position(point(x, y)), *(E(name, E.exact(text)) for name, text in exact.items()))
 
 

@@ -231,10 +231,7 @@ def lanelets(
                         else []
                     ),
                     E.laneletType(_lane_type(lane)),
-                    *(
-                        E("userBidirectional" if user == "pedestrian" else "userOneWay", user)
-                        for user in users
-                    ),
+                    *(E("userBidirectional" if user == "pedestrian" else "userOneWay", user) for user in users),
                     *(E.trafficSignRef(ref=str(sign_ids[plate])) for plate in piece.plates),
                     id=str(piece.lanelet),
                 )

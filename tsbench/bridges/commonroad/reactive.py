@@ -168,9 +168,7 @@ class Reactive:
         if ego.speed < _STILL_MPS:
             # A standing vehicle can turn the wheels before it drives off; the planner takes them as they are.
             s = self._frame.convert_to_curvilinear_coords(*(np.array([ego.x, ego.y]) - back))[0]
-            steering = math.atan(
-                EGO.wheelbase * float(np.interp(s, self._frame.ref_pos, self._frame.ref_curv))
-            )
+            steering = math.atan(EGO.wheelbase * float(np.interp(s, self._frame.ref_pos, self._frame.ref_curv)))
         place = np.array([ego.x, ego.y]) - back
         moving = {"velocity": ego.speed, "acceleration": ego.acceleration, "yaw_rate": ego.yaw_rate}
         return ReactivePlannerState(

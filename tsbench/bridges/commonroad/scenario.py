@@ -94,9 +94,7 @@ class LiveScenario:
         actors, found = o.actors, []
         for k in range(len(actors)):
             x, y, heading = actors.pose[k].tolist()
-            way = forecast(
-                self.roads, int(actors.lane[k]), (x, y, heading), float(actors.speed[k]) * self.dt, steps
-            )
+            way = forecast(self.roads, int(actors.lane[k]), (x, y, heading), float(actors.speed[k]) * self.dt, steps)
             shape = Rectangle(float(actors.length[k]), float(actors.width[k]))
             speed = float(actors.speed[k])
             first = state_of(x, y, heading, speed)
@@ -142,9 +140,7 @@ def _ahead(roads: RoadMap, lane: int, reach: float) -> Polyline:
         onward = sorted({b for way in ways for a, b in way if a == lane} - seen)
         if not onward:
             break
-        lane = min(
-            onward, key=lambda k: abs(wrap(roads.lanes[k].line.heading_at(roads.lanes[k].line.length) - here))
-        )
+        lane = min(onward, key=lambda k: abs(wrap(roads.lanes[k].line.heading_at(roads.lanes[k].line.length) - here)))
         seen.add(lane)
         parts.append(roads.lanes[lane].line.points[1:])
         length += roads.lanes[lane].line.length
@@ -162,18 +158,14 @@ def walls(roads: RoadMap) -> Any:
         for junction in roads.junctions.values()
         if len(junction.polygon) > 2
     ]
-    road = (
-        shapely.union_all(areas).buffer(_SLIVER_M, join_style="mitre").buffer(-_SLIVER_M, join_style="mitre")
-    )
+    road = shapely.union_all(areas).buffer(_SLIVER_M, join_style="mitre").buffer(-_SLIVER_M, join_style="mitre")
     group = collision.ShapeGroup()
     for polygon in shapely.get_parts(road):
         for ring in (polygon.exterior, *polygon.interiors):
             for (ax, ay), (bx, by) in pairwise(ring.coords):
                 half = math.hypot(bx - ax, by - ay) / 2
                 group.add_shape(
-                    collision.RectOBB(
-                        half, _WALL_M, math.atan2(by - ay, bx - ax), (ax + bx) / 2, (ay + by) / 2
-                    )
+                    collision.RectOBB(half, _WALL_M, math.atan2(by - ay, bx - ax), (ax + bx) / 2, (ay + by) / 2)
                 )
     return group
 
@@ -188,9 +180,7 @@ def _ids_of(network: Any) -> list[int]:
     ]
 
 
-def state_of(
-    x: float, y: float, heading: float, speed: float, acceleration: float = 0.0, yaw_rate: float = 0.0
-) -> Any:
+def state_of(x: float, y: float, heading: float, speed: float, acceleration: float = 0.0, yaw_rate: float = 0.0) -> Any:
     """How something moves at the start."""
     place = {"position": np.array([x, y]), "orientation": heading, "velocity": speed}
     return InitialState(time_step=0, slip_angle=0.0, acceleration=acceleration, yaw_rate=yaw_rate, **place)
@@ -240,9 +230,7 @@ def _network(roads: RoadMap, plates: list[SignView]) -> tuple[Any, dict[int, tup
             network.add_lanelet(Lanelet(*lines, *ways, **beside, **same, stop_line=line))
             for sign, held in zip(plates, holds, strict=True):
                 begun = _is_on(roads, sign, lane) and sign.position_m <= begins + _SHORTEST_M
-                if begun and not any(
-                    _is_on(roads, end, lane) and _ends(catalog, end, sign, begins) for end in plates
-                ):
+                if begun and not any(_is_on(roads, end, lane) and _ends(catalog, end, sign, begins) for end in plates):
                     held.add(lanelet_id)
     for sign, sign_id, held in zip(plates, sign_ids, holds, strict=True):
         network.add_traffic_sign(_sign(sign, sign_id, held), held)
@@ -293,6 +281,4 @@ def _sign(sign: SignView, sign_id: int, first: set[int]) -> Any:
     """A plate; one that CommonRoad has no number for is UNKNOWN."""
     number = _NUMBERS.get(SIGN_NUMBERS.get(sign.code, ""), TrafficSignIDZamunda.UNKNOWN)
     values = [] if sign.value is None else [f"{sign.value * _MPS_PER_KMH:.4f}"]
-    return TrafficSign(
-        sign_id, [TrafficSignElement(number, values)], first, np.array([sign.x, sign.y]), virtual=False
-    )
+    return TrafficSign(sign_id, [TrafficSignElement(number, values)], first, np.array([sign.x, sign.y]), virtual=False)

@@ -59,9 +59,7 @@ def kit() -> Any:
     own: dict[str, Any] = {}
     for package, modules in _OWN.items():
         for module in modules.split():
-            own |= cast(
-                "dict[str, Any]", import_attribute(f"{package}.{module}", "__dict__", "nuplan-devkit")
-            )
+            own |= cast("dict[str, Any]", import_attribute(f"{package}.{module}", "__dict__", "nuplan-devkit"))
     names = [n for n, v in vars(states).items() if getattr(v, "__module__", "") == states.__name__]
     return SimpleNamespace(**{name: own[name] for name in names if name[0] != "_"})
 
@@ -101,9 +99,7 @@ def detections(kit: Any, o: Observation, time: Any) -> Any:
         }
 
     found = []
-    rows = zip(
-        o.actors.boxes, o.actors.speed.tolist(), o.actors.kind.tolist(), o.actors.ids.tolist(), strict=True
-    )
+    rows = zip(o.actors.boxes, o.actors.speed.tolist(), o.actors.kind.tolist(), o.actors.ids.tolist(), strict=True)
     for pose, speed, kind, number in rows:
         velocity = kit.StateVector2D(speed * math.cos(pose[2]), speed * math.sin(pose[2]))
         found.append(kit.Agent(**scene_object(_KINDS[ActorKind(kind)], pose, number), velocity=velocity))

@@ -363,9 +363,7 @@ class NuPlanMap:
     def is_in_layer(self, point: _Place, layer: Enum) -> bool:
         return bool(self.get_all_map_objects(point, layer))
 
-    def get_proximal_map_objects(
-        self, point: _Place, radius: float, layers: Iterable[Enum]
-    ) -> dict[Enum, list[Any]]:
+    def get_proximal_map_objects(self, point: _Place, radius: float, layers: Iterable[Enum]) -> dict[Enum, list[Any]]:
         """Objects by layer that are within a radius (m)."""
         return {layer: self._within(point, radius, layer) for layer in layers}
 

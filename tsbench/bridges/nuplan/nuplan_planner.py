@@ -126,9 +126,7 @@ def adapted(source: str, named: str, where: str) -> type[NuPlanPlanner]:
         given = [ast.literal_eval(value) for value in call.args]
         by_name = {str(keyword.arg): ast.literal_eval(keyword.value) for keyword in call.keywords}
     except (SyntaxError, ValueError):
-        raise InputError(
-            f"{where}: write arguments as in {attribute}(horizon=4.0, offsets=[-1, 1])"
-        ) from None
+        raise InputError(f"{where}: write arguments as in {attribute}(horizon=4.0, offsets=[-1, 1])") from None
 
     made = {"make": staticmethod(partial(make, *given, **by_name))}
     return type(attribute, (NuPlanPlanner,), made)

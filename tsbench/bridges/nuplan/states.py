@@ -22,9 +22,7 @@ from tsbench.geometry.polyline import Array
 
 # By nuPlan's names and values.
 TrackedObjectType = Enum(
-    "TrackedObjectType",
-    "VEHICLE PEDESTRIAN BICYCLE TRAFFIC_CONE BARRIER CZONE_SIGN GENERIC_OBJECT EGO",
-    start=0,
+    "TrackedObjectType", "VEHICLE PEDESTRIAN BICYCLE TRAFFIC_CONE BARRIER CZONE_SIGN GENERIC_OBJECT EGO", start=0
 )
 SemanticMapLayer = IntEnum(
     "SemanticMapLayer",
@@ -276,9 +274,7 @@ class TrackedObjects(_StandIn):
     def get_tracked_objects_of_type(self, tracked_object_type: TrackedObjectType) -> list[StaticObject]:
         return self.get_tracked_objects_of_types([tracked_object_type])
 
-    def get_tracked_objects_of_types(
-        self, tracked_object_types: list[TrackedObjectType]
-    ) -> list[StaticObject]:
+    def get_tracked_objects_of_types(self, tracked_object_types: list[TrackedObjectType]) -> list[StaticObject]:
         return [one for one in self.tracked_objects if one.tracked_object_type in tracked_object_types]
 
     def get_agents(self) -> list[StaticObject]:

@@ -72,10 +72,7 @@ class Route:
         joints = [roads.get_map_object(name, layers["ROADBLOCK_CONNECTOR"]) for name in ids]
         self.blocks = blocks = [a or b for a, b in zip(ordinary, joints, strict=True)]
         rooms = [
-            {
-                lane.id: _room(lane) if block else (math.inf, math.inf)
-                for lane in (block or joint).interior_edges
-            }
+            {lane.id: _room(lane) if block else (math.inf, math.inf) for lane in (block or joint).interior_edges}
             for block, joint in zip(ordinary, joints, strict=True)
         ]
         self.rooms = {name: room for block in rooms for name, room in block.items()}
@@ -85,8 +82,7 @@ class Route:
 
     def _count(self, lanes: list[Any], last: bool) -> None:
         leads = [
-            0.0 if last else min((self._onward(out) for out in lane.outgoing_edges), default=math.inf)
-            for lane in lanes
+            0.0 if last else min((self._onward(out) for out in lane.outgoing_edges), default=math.inf) for lane in lanes
         ]
         # Connectors through a junction lie over each other, not side by side.
         beside = any(any(lane.adjacent_edges) for lane in lanes)

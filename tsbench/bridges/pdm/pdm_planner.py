@@ -71,21 +71,11 @@ def forecast(line: Centerline, pose: StateSE2, tracked: Any) -> Others:
         if (one.center.x - pose.x) ** 2 + (one.center.y - pose.y) ** 2 < _SIGHT_M**2
     ]
     rows = [
-        (
-            one.center.x,
-            one.center.y,
-            one.center.heading,
-            one.velocity.x,
-            one.velocity.y,
-            one.box.length,
-            one.box.width,
-        )
+        (one.center.x, one.center.y, one.center.heading, one.velocity.x, one.velocity.y, one.box.length, one.box.width)
         for one in near
     ]
     x, y, heading, vx, vy, length, width = np.array(rows).reshape(-1, 7).T
-    still = np.array(
-        [one.tracked_object_type.name not in ("VEHICLE", "BICYCLE", "PEDESTRIAN") for one in near], bool
-    )
+    still = np.array([one.tracked_object_type.name not in ("VEHICLE", "BICYCLE", "PEDESTRIAN") for one in near], bool)
     t = STEP_S * np.arange(STEPS + 1 + _LONGER)
     xs, ys = x[:, None] + vx[:, None] * t, y[:, None] + vy[:, None] * t
     s, d = (part.reshape(xs.shape) for part in line.project(xs.ravel(), ys.ravel()))

@@ -71,9 +71,7 @@ def roll_out(
         gap, lead = _leader(s, d, others, k, length, width)
         gap = np.maximum(np.minimum(gap, line.end + 100.0 - s), 0.1)
         top = np.maximum(share * line.limit[line.segment(s + 0.5 * v)], _LEAST_MPS)
-        wish = _GAP_M + np.maximum(
-            v * _HEADWAY_S + v * (v - lead) / (2.0 * np.sqrt(_ACCEL_MPS2 * _BRAKE_MPS2)), 0.0
-        )
+        wish = _GAP_M + np.maximum(v * _HEADWAY_S + v * (v - lead) / (2.0 * np.sqrt(_ACCEL_MPS2 * _BRAKE_MPS2)), 0.0)
         free = (v / top) * (v / top)
         free = free * free * free * free * free
         pull = _ACCEL_MPS2 * (1.0 - free - (wish / gap) * (wish / gap))

@@ -44,9 +44,7 @@ def score(line: Centerline, p: Proposals, o: Others, length: float, width: float
     for look in _LOOKS:
         near = _overlaps(p, o, look, length, width) & _before(p, o, length) & ~through
         soon |= (near & (p.speed > _STANDS_MPS)[:, :, None]).any(axis=(1, 2))
-    weighed = (
-        _PROGRESS * np.clip(share, 0.0, 1.0) + _TTC * np.where(soon, 0.0, 1.0) + _COMFORT * _comfortable(p)
-    )
+    weighed = _PROGRESS * np.clip(share, 0.0, 1.0) + _TTC * np.where(soon, 0.0, 1.0) + _COMFORT * _comfortable(p)
     return product * weighed / (_PROGRESS + _TTC + _COMFORT), first
 
 

@@ -97,9 +97,7 @@ def convert(model: Path, out: Path, *, action: str | None, hold: int, draws: boo
     except (KeyError, ValueError) as problem:
         raise InputError(f"{model}: its network cannot be taken ({problem})") from None
     made = save_weights(WEIGHTS, out, tensors, facts)
-    told = (
-        f"A policy of Stable-Baselines3 ({family}) that sees `{observation}` and acts by `{facts['action']}`."
-    )
+    told = f"A policy of Stable-Baselines3 ({family}) that sees `{observation}` and acts by `{facts['action']}`."
     reads, chooses = observation in READING, facts["action"] == EXIT
     text = _PLANNER.format(what=told, name=name, file="planner.py", reads=reads, chooses=chooses)
     write_atomic(out / "planner.py", text.encode())
@@ -134,9 +132,7 @@ def _actor(model: Path, state: Mapping[str, Any]) -> tuple[str, Tensors]:
     """What acts, under the names that the planner loads, and whose family it is."""
     strange = sorted(key for key in state if "features_extractor" in key)
     if strange:
-        raise InputError(
-            f"{model}: has a features extractor of its own ({strange[0]}): a plain MLP is needed"
-        )
+        raise InputError(f"{model}: has a features extractor of its own ({strange[0]}): a plain MLP is needed")
     for family, (hidden, last) in _FAMILIES.items():
         places = sorted({int(found[1]) for key in state if (found := re.match(hidden + r"\.weight$", key))})
         if not places:

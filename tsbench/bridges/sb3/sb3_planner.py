@@ -77,9 +77,7 @@ class Sb3Planner:
         seen = flatten(self._seen.space, self._seen.encode(observation))
         mean = self._answer(np.asarray(seen, dtype=np.float64)[None])[0]
         if self._draws:
-            mean += self._width * normal_quantile(
-                self._quantiles[observation.step // self._hold % _DECISIONS]
-            )
+            mean += self._width * normal_quantile(self._quantiles[observation.step // self._hold % _DECISIONS])
         clipped: Array = np.clip(mean, -1.0, 1.0)
         return clipped
 

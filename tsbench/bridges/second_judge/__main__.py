@@ -14,9 +14,7 @@ from tsbench.core.text import csv_text
 
 @click.command()
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option(
-    "--out", type=click.Path(path_type=Path), help="Folder for its files; default: RUN/second_judge."
-)
+@click.option("--out", type=click.Path(path_type=Path), help="Folder for its files; default: RUN/second_judge.")
 def main(run: Path, out: Path | None) -> None:
     """Let CommonRoad's monitor judge the speed and stop episodes of RUN (made with --trace all), and compare."""
     run = expanded(run)

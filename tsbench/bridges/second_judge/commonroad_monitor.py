@@ -83,9 +83,7 @@ class ExportedDrive:
             scale_rob=False, eps=reading.tolerance, d_sl=reading.line_m, standstill_error=reading.still
         )
         evaluator = OfflineRuleEvaluator.create_for_rule(
-            reading.rule,
-            dt=world.dt,
-            predicate_interface_config=PredicateEvaluationInterfaceConfig(base=asked),
+            reading.rule, dt=world.dt, predicate_interface_config=PredicateEvaluationInterfaceConfig(base=asked)
         )
         return float(min(evaluator.evaluate(world, ego)))
 

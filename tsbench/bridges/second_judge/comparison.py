@@ -53,9 +53,7 @@ def cases(run: Path, folder: Path, progress: Callable[[int, int], None]) -> Iter
     types = tuple(kind for _, kinds, _ in RULES.values() for kind in kinds)
     chosen = select_traces(run, Selection(types=types))
     if chosen.untraced:
-        raise InputError(
-            f"{run}: {chosen.untraced} episodes have no trace (tsbench run --trace all keeps them)"
-        )
+        raise InputError(f"{run}: {chosen.untraced} episodes have no trace (tsbench run --trace all keeps them)")
     kind = export_kind("commonroad")
     for number, path in enumerate(chosen.traces):
         progress(number, len(chosen.traces))
@@ -90,9 +88,7 @@ def table(found: Sequence[Case]) -> str:
         tally = Counter((case.ours, case.theirs["published"]) for case in of)
         counts = [tally[key] for key in ((True, True), (False, False), (False, True), (True, False))]
         shares = [sum(case.agrees(name) for case in of) / len(of) for name in ("published", "ours")]
-        lines.append(
-            markdown_row([title, str(len(of)), *map(str, counts), *(f"{share:.1%}" for share in shares)])
-        )
+        lines.append(markdown_row([title, str(len(of)), *map(str, counts), *(f"{share:.1%}" for share in shares)]))
     return "\n".join(lines) + "\n"
 
 

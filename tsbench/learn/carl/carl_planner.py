@@ -42,9 +42,7 @@ class CarlEngine:
             weight, bias = of.linear(f"trunk.image.{2 * k}")
             self._convolutions.append(Convolution(weight / scale, bias, stride, bound=bound, bits=bits))
             bound, bits, scale = LARGEST, BITS, 1.0
-        self._wide, self._joint = (
-            Linear(*of.linear(f"trunk.{name}.0"), bound=LARGEST) for name in ("wide", "joint")
-        )
+        self._wide, self._joint = (Linear(*of.linear(f"trunk.{name}.0"), bound=LARGEST) for name in ("wide", "joint"))
         self._measured = Linear(*of.linear("trunk.measured.0"), bound=_MOST)
         self._action = Linear(*of.linear("action"), bound=LARGEST, snapped=None)
         of.end()
@@ -64,9 +62,7 @@ class CarlEngine:
 
 
 WEIGHTS = "carl"
-RECORD = np.dtype(
-    [("bev", np.uint8, (CHANNELS, PIXELS, PIXELS)), ("measurements", np.float32, (MEASUREMENTS,)), DRAW]
-)
+RECORD = np.dtype([("bev", np.uint8, (CHANNELS, PIXELS, PIXELS)), ("measurements", np.float32, (MEASUREMENTS,)), DRAW])
 
 
 class Carl(LearnedPlanner):
@@ -83,9 +79,7 @@ class Carl(LearnedPlanner):
     def network(device: str, folder: Path | None = None) -> Infer:
         """The CNN: by the engine on a CPU, by torch on a GPU."""
         densities = fitted(
-            WEIGHTS,
-            folder,
-            lambda weights: CarlEngine(weights) if device == "cpu" else _by_torch(weights, device),
+            WEIGHTS, folder, lambda weights: CarlEngine(weights) if device == "cpu" else _by_torch(weights, device)
         )
 
         def infer(records: Records) -> Records:

@@ -123,10 +123,7 @@ class RasterEncoder:
             if kind == ActorKind.PEDESTRIAN:
                 cv2.fillConvexPoly(out[OTHERS], body, _FULL, shift=_SHIFT)
                 continue
-            front, shade = (
-                (body[0] + body[3]) // 2,
-                _STANDING + (_FULL - _STANDING) * min(speed / _FAST_MPS, 1.0),
-            )
+            front, shade = ((body[0] + body[3]) // 2, _STANDING + (_FULL - _STANDING) * min(speed / _FAST_MPS, 1.0))
             # Screen rows grow backwards: a heading turns into column and row by minus sine and minus cosine.
             turn, far = box[2] - ego.heading, speed * PX_PER_M * _SUB
             tip = (int(front[0] - far * math.sin(turn)), int(front[1] - far * math.cos(turn)))

@@ -141,9 +141,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self.__dict__.update(state)
         self._make_encoders()
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Start a scenario drawn from the environment's own generator.
 
         options: scenario (or scenario_id) names one; type (id or group) and half narrow the draw.
@@ -301,9 +299,7 @@ def _verdict(result: EpisodeResult) -> dict[str, Any]:
     }
 
 
-def drive_in_processes(
-    num_envs: int = 1, max_episode_steps: int | None = None, **options: Any
-) -> AsyncVectorEnv:
+def drive_in_processes(num_envs: int = 1, max_episode_steps: int | None = None, **options: Any) -> AsyncVectorEnv:
     """libsumo has one simulation per process, so a vector of environments in one process could not drive."""
     return AsyncVectorEnv([partial(_one, max_episode_steps, options)] * num_envs, context="spawn")
 
@@ -322,9 +318,7 @@ class Curriculum(gymnasium.Wrapper[Any, Any, Any, Any]):
             raise InputError("curriculum: expected at least one stage, each of at least one episode")
         self._stages, self._begun = tuple(stages), 0
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """As the environment's; what is asked for here goes before what the stage asks for."""
         asked = {**self._stage(), **(options or {})}
         self._begun += 1

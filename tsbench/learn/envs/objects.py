@@ -116,20 +116,27 @@ class ObjectsSeen:
                 "actors", len(ACTORS), ((1.0, *place(*b[:3]), v, b[3], b[4], float(kind)) for b, v, kind in boxes)
             ),
             "obstacles": _table(
-                "obstacles", len(OBSTACLES),
+                "obstacles",
+                len(OBSTACLES),
                 ((1.0, *place(t.x, t.y, t.heading), t.length, t.width) for t in o.obstacles),
             ),
             "signs": _table(
-                "signs", len(SIGNS),
+                "signs",
+                len(SIGNS),
                 (
                     (
-                        1.0, *place(p.x, p.y, p.heading), float(self._codes.get(p.code, 0)), p.value or 0.0, *whose,
-                        float(self._outlines.get(p.outline, 0)), *main_road(p),
+                        1.0,
+                        *place(p.x, p.y, p.heading),
+                        float(self._codes.get(p.code, 0)),
+                        p.value or 0.0,
+                        *whose,
+                        float(self._outlines.get(p.outline, 0)),
+                        *main_road(p),
                     )
                     for p, whose in zip(o.signs, self._addressed(o), strict=True)
                 ),
             ),
-        }  # fmt: skip
+        }
 
 
 def _table(name: str, columns: int, rows: Iterable[Sequence[float]]) -> Table:

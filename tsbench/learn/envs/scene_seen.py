@@ -139,9 +139,7 @@ class SceneSeen:
             if plate.outline:
                 rows[k, PLATE.index(plate.outline)] = 1.0
             if plate.code not in self._column:
-                raise InputError(
-                    f"plate {plate.code!r}: not in the catalogue, so `scene` has no column for it"
-                )
+                raise InputError(f"plate {plate.code!r}: not in the catalogue, so `scene` has no column for it")
             rows[k, len(PLATE) + self._column[plate.code]] = 1.0
         return rows
 
@@ -150,9 +148,7 @@ class SceneSeen:
         kinds = np.zeros((len(a), len(self._kind)))
         for k, kind in enumerate(a.kind.tolist()):
             kinds[k, self._kind[kind]] = 1.0
-        return np.hstack(
-            (np.column_stack((a.speed / SPEED_MPS, a.length / LENGTH_M, a.width / WIDTH_M)), kinds)
-        )
+        return np.hstack((np.column_stack((a.speed / SPEED_MPS, a.length / LENGTH_M, a.width / WIDTH_M)), kinds))
 
     def _lanes(self, way: tuple[str, ...], here: Floats, place: Any) -> Floats:
         if way is not self._way:

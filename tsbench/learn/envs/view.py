@@ -22,13 +22,7 @@ SIZE_PX, _SCALE = 512, 6.0
 # Fractions of a pixel that OpenCV draws with: 4 bits.
 _BITS = 4
 _GROUND, _ROAD, _LINE, _ROUTE = (232, 236, 228), (190, 190, 190), (255, 255, 255), (110, 170, 110)
-_EGO, _CAR, _PERSON, _THING, _PLATE = (
-    (32, 96, 200),
-    (90, 90, 90),
-    (200, 120, 30),
-    (220, 140, 0),
-    (180, 20, 20),
-)
+_EGO, _CAR, _PERSON, _THING, _PLATE = ((32, 96, 200), (90, 90, 90), (200, 120, 30), (220, 140, 0), (180, 20, 20))
 
 
 class View:
@@ -100,9 +94,7 @@ class View:
     ) -> None:
         cv2.polylines(picture, list(self._fixed(points)), closed, colour, width, cv2.LINE_AA, _BITS)
 
-    def _box(
-        self, picture: Image, box: tuple[float, float, float, float, float], colour: tuple[int, int, int]
-    ) -> None:
+    def _box(self, picture: Image, box: tuple[float, float, float, float, float], colour: tuple[int, int, int]) -> None:
         self._fill(picture, np.array(corners(*box)), colour)
         x, y, heading, length, _ = box
         ahead = (x + math.cos(heading) * length / 2, y + math.sin(heading) * length / 2)

@@ -29,13 +29,7 @@ _CANDIDATES = 4
 _BESIDE_AT_M = 10
 # What is kept of each frame for the figures; 8 kB of tokens are not.
 _FIGURES = np.dtype(
-    [
-        ("type", np.uint8),
-        ("family", np.uint8),
-        ("decides", np.uint8),
-        ("speed", np.float32),
-        ("beside", np.float32),
-    ]
+    [("type", np.uint8), ("family", np.uint8), ("decides", np.uint8), ("speed", np.float32), ("beside", np.float32)]
 )
 
 _HISTOGRAMS = (
@@ -45,10 +39,7 @@ _HISTOGRAMS = (
 
 
 def report(
-    drives: Sequence[EpisodeDrive],
-    recipe: FineTuning,
-    resources: TrainingResources,
-    tell: Callable[[str], None],
+    drives: Sequence[EpisodeDrive], recipe: FineTuning, resources: TrainingResources, tell: Callable[[str], None]
 ) -> list[Path]:
     """Make the frames of all drives and write table, figure and pictures below `resources.out`; returns their paths."""
     made = 0
@@ -119,9 +110,7 @@ def _table(found: at.Records, drives: Sequence[EpisodeDrive], types: Sequence[Sc
                 f"| {len(rows):,} | {100.0 * rows['decides'].mean():.0f} % | {stands:.1f} % "
                 f"| {rows['speed'].mean():.1f} |"
             )
-    lines.append(
-        f"| all | | | {len(drives):,} | {len(found):,} | {100.0 * found['decides'].mean():.0f} % | | |"
-    )
+    lines.append(f"| all | | | {len(drives):,} | {len(found):,} | {100.0 * found['decides'].mean():.0f} % | | |")
     return "\n".join(lines) + "\n"
 
 

@@ -45,9 +45,7 @@ class Takeover:
     def act(self, observation: Observation) -> Control | Trajectory:
         # Asked all along: what an expert remembers of its way depends on what it has seen.
         expert = self._expert.act(observation)
-        return (
-            expert if observation.step >= self.tick else self._student.act(replace(observation, truth=None))
-        )
+        return expert if observation.step >= self.tick else self._student.act(replace(observation, truth=None))
 
 
 class Handover:
@@ -151,13 +149,7 @@ class RecordedDrive:
     def facts(self) -> dict[str, Any]:
         """The row, and the fingerprints that the replay has to meet."""
         r = self.recorded
-        return {
-            "spec": asdict(self.spec),
-            "driver": r.planner,
-            "attempt": r.attempt,
-            "ego": r.ego,
-            "others": r.others,
-        }
+        return {"spec": asdict(self.spec), "driver": r.planner, "attempt": r.attempt, "ego": r.ego, "others": r.others}
 
     def run(self, drivers: Drivers) -> DriveResult | None:
         """Raises SimulationError where the replay is another drive."""
@@ -191,9 +183,7 @@ class TakeoverDrive:
         """Frames from the takeover on."""
         runner = drivers.kept(
             (Handover, self.expert, self.planner, self.student),
-            lambda simulation, loader: Handover(
-                self.expert, self.planner(folder=self.student), simulation, loader
-            ),
+            lambda simulation, loader: Handover(self.expert, self.planner(folder=self.student), simulation, loader),
         )
         facts = runner.drive(self.spec, self.tick)
         return None if facts is None else DriveResult(facts, drivers.roads(self.spec), since=self.tick)

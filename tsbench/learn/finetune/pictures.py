@@ -20,13 +20,7 @@ from tsbench.report.drawing.shapes import Area, Body, Line, Shape, dashes
 from tsbench.signs.model import ScenarioType
 
 _COLUMNS = 5
-_KINDS = {
-    at.CAR: "car",
-    at.BUS: "bus",
-    at.BICYCLE: "bicycle",
-    at.PEDESTRIAN: "pedestrian",
-    at.STATIC: "island",
-}
+_KINDS = {at.CAR: "car", at.BUS: "bus", at.BICYCLE: "bicycle", at.PEDESTRIAN: "pedestrian", at.STATIC: "island"}
 _SIDE_M, _BACK_M, _PX_PER_M = 20.0, 12.0, 8.0
 _WIDTH, _HEIGHT = round(2 * _SIDE_M * _PX_PER_M), round((at.PATCH_AHEAD_M + _BACK_M) * _PX_PER_M)
 _CAMERA = Camera(-_SIDE_M, at.PATCH_AHEAD_M, _PX_PER_M, _WIDTH, _HEIGHT)
@@ -37,9 +31,7 @@ def draw_frames(frames: Sequence[at.Record], types: Sequence[ScenarioType], voca
     """One panel a frame: patch, objects, plates, route (green), ways on (violet, dashed), and what is to be answered:
     path (orange) and waypoints (blue).
     """
-    return sheet(
-        [(_title(frame, types, vocabulary), _panel(frame, vocabulary)) for frame in frames], _COLUMNS
-    )
+    return sheet([(_title(frame, types, vocabulary), _panel(frame, vocabulary)) for frame in frames], _COLUMNS)
 
 
 def _title(frame: at.Record, types: Sequence[ScenarioType], vocabulary: Vocabulary) -> str:

@@ -55,8 +55,7 @@ class Drivers:
     def drive(self, spec: ScenarioSpec, planner: str) -> DriveResult | None:
         """An episode by a planner that is named as for `tsbench run`; None where it ended in an error at once."""
         runner = self.kept(
-            planner,
-            lambda simulation, loader: EpisodeRunner(resolve(planner), simulation=simulation, loader=loader),
+            planner, lambda simulation, loader: EpisodeRunner(resolve(planner), simulation=simulation, loader=loader)
         )
         facts = runner.run(spec).facts
         return None if facts is None else DriveResult(facts, self.roads(spec))

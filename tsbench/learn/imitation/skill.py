@@ -49,11 +49,7 @@ def measure(planner: str, folder: Path, rows: Sequence[ScenarioSpec], workers: i
 
 
 def drive(
-    planner: str,
-    folder: Path | None,
-    rows: Sequence[ScenarioSpec],
-    workers: int,
-    stop_policy: StopPolicy | None = None,
+    planner: str, folder: Path | None, rows: Sequence[ScenarioSpec], workers: int, stop_policy: StopPolicy | None = None
 ) -> list[End]:
     """How the episodes of `rows` end, in their order. folder: None = tsbench's own weights. patience: of `plant2-ft`,
     None = its own.
@@ -79,9 +75,7 @@ def skill_of(ends: Sequence[End]) -> Skill:
     return Skill(episodes=len(ends), scd=scd, compliant=sum(end.obeyed for end in ends) / count, **share)
 
 
-def _drive(
-    planner: str, folder: Path | None, stop_policy: StopPolicy | None, rows: list[ScenarioSpec]
-) -> list[End]:
+def _drive(planner: str, folder: Path | None, stop_policy: StopPolicy | None, rows: list[ScenarioSpec]) -> list[End]:
     import torch
 
     torch.set_num_threads(1)

@@ -108,9 +108,7 @@ def train(task: ImitationTask, resources: TrainingResources, tell: Callable[[str
 
 
 class Trainer:
-    def __init__(
-        self, task: ImitationTask, resources: TrainingResources, tell: Callable[[str], None]
-    ) -> None:
+    def __init__(self, task: ImitationTask, resources: TrainingResources, tell: Callable[[str], None]) -> None:
         self._task, self._resources, self._tell = task, resources, tell
         torch.manual_seed(seed_of("imitation", "network", task.recipe.seed))
         self._net = task.network().to(resources.device)
@@ -136,11 +134,7 @@ class Trainer:
         return network(self._task.name, out)
 
     def _epoch(self, epoch: int, log: SummaryWriter) -> None:
-        order = (
-            rng_of("imitation", "chunks", self._task.recipe.seed, epoch)
-            .permutation(len(self._store))
-            .tolist()
-        )
+        order = rng_of("imitation", "chunks", self._task.recipe.seed, epoch).permutation(len(self._store)).tolist()
         windows = [order[k : k + _WINDOW_CHUNKS] for k in range(0, len(order), _WINDOW_CHUNKS)]
         for number in range(self._progress.window, len(windows)):
             self._progress = replace(self._progress, epoch=epoch, window=number)
@@ -207,11 +201,7 @@ class Trainer:
         score = self._task.score(skill)
         for name, value in asdict(skill).items():
             log.add_scalar(f"skill/{name}", value, self._progress.steps)
-        row = {
-            "epoch": epoch + 1,
-            "frames": self._progress.frames,
-            "seconds": round(self._progress.seconds, 1),
-        }
+        row = {"epoch": epoch + 1, "frames": self._progress.frames, "seconds": round(self._progress.seconds, 1)}
         add_row(out / CURVE, {**row, **asdict(skill)}, "epoch")
         draw_imitation(out)
         better = score >= self._progress.best

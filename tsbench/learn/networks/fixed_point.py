@@ -178,9 +178,7 @@ def gelu(most: float) -> Curve:
 
 @cache
 def _gelu(reach: int) -> Curve:
-    return Curve(
-        lambda x: x * normal_share(x), lambda x: normal_share(x) + x * normal_density(x), -reach, reach
-    )
+    return Curve(lambda x: x * normal_share(x), lambda x: normal_share(x) + x * normal_density(x), -reach, reach)
 
 
 @cache
@@ -217,9 +215,7 @@ class LayerNorm:
     Attributes: norm: most that an answer's Euclidean norm is.
     """
 
-    def __init__(
-        self, weight: npt.NDArray[np.floating], bias: npt.NDArray[np.floating], epsilon: float = 1e-5
-    ) -> None:
+    def __init__(self, weight: npt.NDArray[np.floating], bias: npt.NDArray[np.floating], epsilon: float = 1e-5) -> None:
         self._width = len(weight)
         if self._width & (self._width - 1) or bias.shape != weight.shape:
             raise ValueError("a layer's width is no power of two, or does not fit")
@@ -230,8 +226,7 @@ class LayerNorm:
         )
         self._bias = bias.astype(np.float64)[:, None] + self._lift
         self.norm = 1.001 * float(
-            math.sqrt(self._width) * np.abs(weight).max()
-            + math.sqrt(np.square(bias.astype(np.float64)).sum())
+            math.sqrt(self._width) * np.abs(weight).max() + math.sqrt(np.square(bias.astype(np.float64)).sum())
         )
 
     def __call__(self, x: Array) -> Array:

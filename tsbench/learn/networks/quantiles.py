@@ -54,9 +54,7 @@ def beta_quantile(a: float, b: float, p: float) -> float:
     low, high, x = 0.0, 1.0, edge
     for _ in range(_ROUNDS):
         density = _power(a, b, x) / whole
-        below = (
-            density * _fraction(a, b, x) / a if x <= edge else 1.0 - density * _fraction(b, a, 1.0 - x) / b
-        )
+        below = density * _fraction(a, b, x) / a if x <= edge else 1.0 - density * _fraction(b, a, 1.0 - x) / b
         if below > p:
             high = x
         else:

@@ -82,24 +82,12 @@ class Card:
         for name, what in _SEEN.items():
             shape = of[f"observation.{name}"]
             yield f"`observation.{name}`", " x ".join(map(str, shape)), what
-        yield (
-            "`action`",
-            "2",
-            "acceleration (m/s²) and steering (rad, left positive) that were driven in the tick",
-        )
+        yield ("`action`", "2", "acceleration (m/s²) and steering (rad, left positive) that were driven in the tick")
         for name in REWARDS:
             yield f"`reward.{name}`", "1", _REWARDS[name]
         yield "`timestamp`, `done`", "1", "s since the episode began; the drive's last tick"
-        yield (
-            "`scenario_id`, `planner`, `part`",
-            "1",
-            "which drive, whose, and whether for training or validation",
-        )
-        yield (
-            "`type`, `sign`, `half`",
-            "1",
-            "of the scene: its type, its sign's code, and which half of a pair",
-        )
+        yield ("`scenario_id`, `planner`, `part`", "1", "which drive, whose, and whether for training or validation")
+        yield ("`type`, `sign`, `half`", "1", "of the scene: its type, its sign's code, and which half of a pair")
 
     def _counts(self) -> Iterable[tuple[str, str]]:
         for name, counter in self._of.items():

@@ -129,11 +129,18 @@ def _collect(
     }
     journal = collection.journal
     setup = Setup(
-        planners, EXACTLY, device="cpu", trace="none", out=str(collection.path.resolve()),
-        data=plan.data, split=plan.request.split, contract=collection.manifest["contract"],
-        runner="tsbench.learn.oracle.runner:OracleRunner", recorder="tsbench.learn.oracle.runner:record_of",
+        planners,
+        EXACTLY,
+        device="cpu",
+        trace="none",
+        out=str(collection.path.resolve()),
+        data=plan.data,
+        split=plan.request.split,
+        contract=collection.manifest["contract"],
+        runner="tsbench.learn.oracle.runner:OracleRunner",
+        recorder="tsbench.learn.oracle.runner:record_of",
         options={"most": options.tries, "probe": asdict(plan.table[0])},
-    )  # fmt: skip
+    )
 
     def keep(record: Record) -> None:
         watcher.episode(collection.keep(record))

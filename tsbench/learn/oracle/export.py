@@ -37,9 +37,7 @@ def export(path: Path, split: str, out: Path, rank: int = 1, limit: int | None =
     """
     data = DataSet.in_use()
     rows = {row.scenario_id: row for row in data.table(split)}
-    chosen = (
-        d for d in stream_trajectories(path) if d.scenario_id in rows and (not rank or 0 < d.rank <= rank)
-    )
+    chosen = (d for d in stream_trajectories(path) if d.scenario_id in rows and (not rank or 0 < d.rank <= rank))
     seen = SceneSeen()
     card, schema = Card(seen), _schema(seen)
     drives = ticks = 0
@@ -51,9 +49,7 @@ def export(path: Path, split: str, out: Path, rank: int = 1, limit: int | None =
                 for drive in islice(chosen, limit):
                     one = driven(drives, drive, rows[drive.scenario_id], seen, begin)
                     flat = {**one.facts, "episode_index": one.index}
-                    writer.write_table(
-                        pa.Table.from_pylist([flat | tick for tick in one.ticks], schema=schema)
-                    )
+                    writer.write_table(pa.Table.from_pylist([flat | tick for tick in one.ticks], schema=schema))
                     card.add(one)
                     drives, ticks = drives + 1, ticks + len(one.ticks)
             if not drives:

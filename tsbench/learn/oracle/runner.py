@@ -44,9 +44,7 @@ class OracleRunner:
     from the seed: one that does not would only repeat its drive. options: as `EpisodeRunner`'s.
     """
 
-    def __init__(
-        self, planner: LoadedPlanner, *, most: int, probe: Mapping[str, Any], **options: Any
-    ) -> None:
+    def __init__(self, planner: LoadedPlanner, *, most: int, probe: Mapping[str, Any], **options: Any) -> None:
         self._quantised = QuantisedPlanner(planner.factory)
         self._runner = EpisodeRunner(replace(planner, factory=lambda: self._quantised), **options)
         self._most, self._probe = most, typed(ScenarioSpec, probe)

@@ -122,9 +122,7 @@ def select(folder: Path, path: Path, allow_partial: bool) -> Selected:
     uncovered = Counter(kind for scenario, kind in driven.items() if scenario not in best)
     ranked = [drive for drive in drives if drive.rank]
     validation, others = sum(drive.part == VALIDATION for drive in ranked), len(drives) - len(ranked)
-    return Selected(
-        path, len(driven), len(best), len(ranked), validation, others, dict(sorted(uncovered.items()))
-    )
+    return Selected(path, len(driven), len(best), len(ranked), validation, others, dict(sorted(uncovered.items())))
 
 
 def _best(tries: Iterable[Row]) -> dict[str, list[tuple[Candidate, float]]]:
@@ -145,7 +143,5 @@ def _check(folder: Path, allow_partial: bool) -> dict[str, ScenarioSpec]:
     if manifest["status"] != "complete" and not allow_partial:
         raise InputError(f"{folder}: its collection is not finished: run it again, or give --allow-partial")
     if manifest["contract"] != basis(data):
-        raise InputError(
-            f"{folder}: was collected with other rules or another SUMO: collect anew into another folder"
-        )
+        raise InputError(f"{folder}: was collected with other rules or another SUMO: collect anew into another folder")
     return {row.scenario_id: row for row in data.table(manifest["effective"]["split"])}

@@ -27,9 +27,7 @@ def stats(path: Path, split: str) -> Analysis:
 
     rows = _rows(split)
     chosen = [
-        RankedDrive(
-            d.scenario_id, rows[d.scenario_id].group, d.planner, d.rank, d.part, len(d.commands) * DT_S
-        )
+        RankedDrive(d.scenario_id, rows[d.scenario_id].group, d.planner, d.rank, d.part, len(d.commands) * DT_S)
         for d in _drives(path, split, rows)
         if d.rank
     ]
@@ -64,7 +62,5 @@ def _drives(path: Path, split: str, rows: Mapping[str, ScenarioSpec]) -> Iterato
     """The drives of a table, one after the other. Raises InputError for one of a scenario that `rows` lack."""
     for drive in stream_trajectories(path):
         if drive.scenario_id not in rows:
-            raise InputError(
-                f"{path}: scenario {drive.scenario_id} is not in {DataSet.in_use().table_path(split)}"
-            )
+            raise InputError(f"{path}: scenario {drive.scenario_id} is not in {DataSet.in_use().table_path(split)}")
         yield drive

@@ -26,15 +26,7 @@ from tsbench.learn.oracle.runner import FIGURES, lost_try, unpack
 from tsbench.learn.oracle.trajectories import ORIGIN, Commands, Intents
 from tsbench.run.log.folder import write_error
 from tsbench.run.log.journal import Content, Journal, Key, Quarantine, decode
-from tsbench.run.log.manifest import (
-    NAME,
-    Manifest,
-    difference,
-    plain_planners,
-    planners_of,
-    read_manifest,
-    timestamp,
-)
+from tsbench.run.log.manifest import NAME, Manifest, difference, plain_planners, planners_of, read_manifest, timestamp
 from tsbench.run.log.record import Record, Row
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.data_set import DataSet
@@ -45,18 +37,7 @@ KIND = "oracle"
 RULES, LEARNED = "rules", "learned"
 _JOURNAL, _TRIES = "journal.jsonl", "tries.parquet"
 _PARTS = {"row", "events", "timing", "trace"}
-_ROW = {
-    "planner",
-    "scenario_id",
-    "outcome",
-    "error",
-    "scd",
-    "tries",
-    "commands",
-    "intents",
-    "scenario",
-    "code",
-}
+_ROW = {"planner", "scenario_id", "outcome", "error", "scd", "tries", "commands", "intents", "scenario", "code"}
 _OUTDATED = "of a scenario or an expert that has changed"
 
 
@@ -87,9 +68,7 @@ def basis(data: DataSet) -> str:
 
     Not the code that made them: a drive is its commands, and replaying them proves it (`tsbench oracle verify`).
     """
-    return digest(
-        {"signs": data.catalog.contract_entries(data.catalog.signs), "versions": versions(["libsumo"])}
-    )
+    return digest({"signs": data.catalog.contract_entries(data.catalog.signs), "versions": versions(["libsumo"])})
 
 
 def kind_of(planner: PlannerInfo) -> str:
@@ -128,9 +107,7 @@ class Collection:
             old = check_folder(path, manifest)
             known = {} if old is None else {p.name: p for p in planners_of(old)}
             self._retrained = {
-                p.name
-                for p in planners
-                if p.name in known and known[p.name].weights_sha256 != p.weights_sha256
+                p.name for p in planners if p.name in known and known[p.name].weights_sha256 != p.weights_sha256
             }
             self._planners = known | {p.name: p for p in planners}
             self.manifest = manifest if old is None else {**old, "versions": manifest["versions"]}
@@ -152,11 +129,7 @@ class Collection:
         if "tries" not in row:
             row = {name: row[name] for name in ("planner", "scenario_id", "outcome", "error", "scd")}
             row |= {"tries": [lost_try(row["outcome"], row["error"])], "commands": None, "intents": None}
-        row = {
-            **row,
-            "scenario": fingerprint(self._rows[row["scenario_id"]]),
-            "code": self._codes[row["planner"]],
-        }
+        row = {**row, "scenario": fingerprint(self._rows[row["scenario_id"]]), "code": self._codes[row["planner"]]}
         if record.detail:
             write_error(self.path, record)
         self.journal.append(Record(row, [], {}, ""))

@@ -57,9 +57,7 @@ class Layer:
         snapped = np.repeat([crossed, BITS], [2 * width, width]).astype(np.float64)
         value_bound = float(most[2 * width :].max())
         # Shares add up to 1, and then to values.
-        self._share_bits = min(
-            SUM_BITS - BITS - math.ceil(math.log2(2.0 * max(value_bound, 1.0))), _SHARE_BITS
-        )
+        self._share_bits = min(SUM_BITS - BITS - math.ceil(math.log2(2.0 * max(value_bound, 1.0))), _SHARE_BITS)
         project = Linear(weight, bias, bound=norm, norm=norm, snapped=snapped)
         self._ask, self._tell = project.part(slice(width)), project.part(slice(width, None))
         self._project = project

@@ -41,9 +41,7 @@ class _Residual:
             _convolution(of, f"{name}.first", stride, 1),
             _convolution(of, f"{name}.second", 1, 1),
         )
-        self._first_norm, self._second_norm = (
-            of.group_norm(f"{name}.{k}_norm", area) for k in ("first", "second")
-        )
+        self._first_norm, self._second_norm = (of.group_norm(f"{name}.{k}_norm", area) for k in ("first", "second"))
         self._around = _convolution(of, f"{name}.around", stride, 0) if stride > 1 else None
 
     def __call__(self, x: Array) -> Array:

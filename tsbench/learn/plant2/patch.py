@@ -12,13 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.learn.networks.cutout import Image, cut, pack, repack
-from tsbench.learn.plant2.layout import (
-    PATCH_AHEAD_M,
-    PATCH_CHANNELS,
-    PATCH_COLUMNS,
-    PATCH_M_PER_PX,
-    PATCH_ROWS,
-)
+from tsbench.learn.plant2.layout import PATCH_AHEAD_M, PATCH_CHANNELS, PATCH_COLUMNS, PATCH_M_PER_PX, PATCH_ROWS
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import RoadMap
 

@@ -150,9 +150,7 @@ class Plant2Network(nn.Module):
         self.objects = ClassProjection(at.OBJECT_CLASSES, at.OBJECT_FEATURES, s.width)
         self.route = nn.Linear(2 * at.ROUTE_POINTS, s.width)
         self.limits = nn.Linear(len(at.LIMIT_AHEAD_M), s.width)
-        self.patch: nn.Module = (
-            ResidualPatch(s.width, s.patch) if s.patch else TiledPatch(s.width, TILE, TILE_FEATURES)
-        )
+        self.patch: nn.Module = ResidualPatch(s.width, s.patch) if s.patch else TiledPatch(s.width, TILE, TILE_FEATURES)
         layer = nn.TransformerEncoderLayer(
             s.width, s.heads, s.feedforward, s.dropout, activation="gelu", batch_first=True
         )
@@ -208,9 +206,7 @@ class Plant2FtNetwork(Plant2Network):
         width = SIZES[size].width
         self.ways = nn.Linear(at.WAY_FEATURES, width)
         self.signs = ClassProjection(classes + 1, at.SIGN_FEATURES, width)
-        self.held = nn.ModuleList(
-            ClassProjection(classes + 1, at.HELD_FEATURES, width) for _ in range(at.HELD)
-        )
+        self.held = nn.ModuleList(ClassProjection(classes + 1, at.HELD_FEATURES, width) for _ in range(at.HELD))
         self.speed_token = nn.Parameter(0.02 * torch.randn(width))
         self.ego_speed_head = nn.Linear(width, len(at.SPEEDS))
 

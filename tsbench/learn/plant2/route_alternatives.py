@@ -82,10 +82,7 @@ class RouteAlternatives:
             points = points_ahead(way.line, way.s, at.WAY_AHEAD_M, pose)
             record["way_known"][k] = 1
             record["ways"][k, : -at.WAY_FACTS] = (points / at.POSITION_SCALE_M).ravel()
-            onward, left = (
-                (way.exit_s - way.s) / at.POSITION_SCALE_M,
-                min(way.end_s - way.s, _MOST_REMAINING_M),
-            )
+            onward, left = ((way.exit_s - way.s) / at.POSITION_SCALE_M, min(way.end_s - way.s, _MOST_REMAINING_M))
             facts = (math.cos(way.turn), math.sin(way.turn), onward, left / at.REMAINING_SCALE_M, way.shown)
             record["ways"][k, -at.WAY_FACTS :] = facts
 

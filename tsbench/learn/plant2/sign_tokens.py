@@ -83,9 +83,7 @@ class SignMemory:
         for sign in map(identified, o.signs):
             if sign.edge not in self._edges or not faces(sign, o.ego.heading):
                 continue
-            if sign.code not in self._words.class_of or (
-                sign.code in self._words.ends and _ahead(sign, o) > 0.0
-            ):
+            if sign.code not in self._words.class_of or (sign.code in self._words.ends and _ahead(sign, o) > 0.0):
                 continue
             return _Held(sign, _ahead(sign, o))
         return None
@@ -137,9 +135,7 @@ def faces(sign: SignView, heading: float) -> bool:
     return math.cos(sign.heading - heading) > math.cos(_FACING_RAD)
 
 
-def fill_signs(
-    record: at.Record, o: Observation, pose: Pose, lane_order: int, classes: Mapping[str, int]
-) -> None:
+def fill_signs(record: at.Record, o: Observation, pose: Pose, lane_order: int, classes: Mapping[str, int]) -> None:
     """Write `signs` and `sign_classes`, nearest first; anonymous and unknown plates and most backs leave no token.
 
     lane_order: of the ego's lane, to which a plate's own lane is related. classes: of codes (`Vocabulary.class_of`).

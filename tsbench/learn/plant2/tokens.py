@@ -78,11 +78,17 @@ def nearest(o: Observation, pose: Pose, side_m: float) -> tuple[list[tuple[float
     found.sort()
     rows: list[tuple[float, ...]] = [
         (
-            kind, u / at.POSITION_SCALE_M, v / at.POSITION_SCALE_M, math.cos(yaw), math.sin(yaw),
-            speed / at.SPEED_SCALE_MPS, length / at.LENGTH_SCALE_M, width / at.WIDTH_SCALE_M,
+            kind,
+            u / at.POSITION_SCALE_M,
+            v / at.POSITION_SCALE_M,
+            math.cos(yaw),
+            math.sin(yaw),
+            speed / at.SPEED_SCALE_MPS,
+            length / at.LENGTH_SCALE_M,
+            width / at.WIDTH_SCALE_M,
         )
         for _, _, kind, u, v, yaw, speed, length, width in found[: at.OBJECTS]
-    ]  # fmt: skip
+    ]
     return rows, [entry[1] for entry in found[: at.OBJECTS]]
 
 

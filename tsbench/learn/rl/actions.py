@@ -35,9 +35,7 @@ def accelerate(value: float) -> float:
     Around 0 both ways are alike, so that what is learned with noise is what is driven without; hard braking is steeper.
     """
     value = min(max(value, -1.0), 1.0)
-    return (
-        _ACCEL_MPS2 * value if value >= 0.0 else value * (_ACCEL_MPS2 - (_BRAKE_MPS2 - _ACCEL_MPS2) * value)
-    )
+    return _ACCEL_MPS2 * value if value >= 0.0 else value * (_ACCEL_MPS2 - (_BRAKE_MPS2 - _ACCEL_MPS2) * value)
 
 
 def action_for(acceleration: float, aside: float) -> tuple[float, float]:

@@ -88,9 +88,7 @@ class DaggerWrapper(gymnasium.Wrapper[Any, npt.NDArray[np.float32], Any, npt.NDA
         super().__init__(env)
         self._teacher = Demonstrator()
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Any, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         found = self.env.reset(seed=seed, options=options)
         self._teacher.reset(self._drive.episode.context)
         return found
@@ -111,9 +109,7 @@ class ReplayMemory:
         parts = _parts(example)
         each = sum(part[0].nbytes for part in parts.values())
         self._size, self._filled = max(min(decisions, _BYTES // each), 1), 0
-        self._kept = {
-            name: np.empty((self._size, *part.shape[1:]), part.dtype) for name, part in parts.items()
-        }
+        self._kept = {name: np.empty((self._size, *part.shape[1:]), part.dtype) for name, part in parts.items()}
 
     def add(self, buffer: RolloutBuffer) -> None:
         """A rollout, in place of the oldest."""
@@ -165,19 +161,12 @@ def warm_up(
             memory = ReplayMemory(model.rollout_buffer, len(rollouts) * model.n_steps * environments.num_envs)
         memory.add(model.rollout_buffer)
         wrong, missed = _learn(model, optimiser, memory, updates, rng)
-        tell(
-            f"imitation {rollout + 1}/{rollouts.stop}  action {wrong:.4f}  return {missed:.3f} (mean squares)"
-        )
+        tell(f"imitation {rollout + 1}/{rollouts.stop}  action {wrong:.4f}  return {missed:.3f} (mean squares)")
         keep(rollout + 1)
 
 
 def _drive(
-    model: PPO,
-    environments: VecEnv,
-    seen: Any,
-    starts: Any,
-    own: npt.NDArray[np.bool_],
-    rng: np.random.Generator,
+    model: PPO, environments: VecEnv, seen: Any, starts: Any, own: npt.NDArray[np.bool_], rng: np.random.Generator
 ) -> Any:
     """Fill the model's buffer with what the teacher advises. own: (environments,) where the policy drives."""
     buffer = model.rollout_buffer
@@ -210,9 +199,7 @@ def _learn(
     sums = np.zeros(2)
     for _ in range(updates):
         part = {name: value.to(model.device) for name, value in memory.draw(model.batch_size, rng).items()}
-        shown = {
-            name.removeprefix("seen."): value for name, value in part.items() if name.startswith("seen.")
-        }
+        shown = {name.removeprefix("seen."): value for name, value in part.items() if name.startswith("seen.")}
         seen = shown.get("", shown)
         for_actor, for_critic = policy.mlp_extractor(policy.extract_features(seen))
         action = policy._get_action_dist_from_latent(for_actor).mode()

@@ -125,9 +125,7 @@ def actor_tensors(planner: str, policy: ActorCriticPolicy) -> Tensors:
     """The actor's tensors under the names that the planner loads."""
     state = policy.state_dict()
     if planner == "ppo":
-        names = {f"mlp_extractor.policy_net.{2 * k}": f"hidden.{k}" for k in range(2)} | {
-            "action_net": "action"
-        }
+        names = {f"mlp_extractor.policy_net.{2 * k}": f"hidden.{k}" for k in range(2)} | {"action_net": "action"}
     else:
         names = {"features_extractor.trunk": "trunk", "action_net": "action"}
     tensors = {

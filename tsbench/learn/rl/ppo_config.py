@@ -39,12 +39,8 @@ class Hyper:
 
 HYPER: Mapping[str, Hyper] = MappingProxyType(
     {
-        "ppo": Hyper(
-            "vector", rollout=4096, batch=256, epochs=8, rate=3e-4, threads=1, imitation=40, updates=400
-        ),
-        "carl": Hyper(
-            "bev", rollout=2048, batch=256, epochs=3, rate=2.5e-4, threads=1, imitation=40, updates=60
-        ),
+        "ppo": Hyper("vector", rollout=4096, batch=256, epochs=8, rate=3e-4, threads=1, imitation=40, updates=400),
+        "carl": Hyper("bev", rollout=2048, batch=256, epochs=3, rate=2.5e-4, threads=1, imitation=40, updates=60),
     }
 )
 

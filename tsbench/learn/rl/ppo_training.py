@@ -79,12 +79,7 @@ def _session(job: Job, hyper: Hyper, deaths: int, tell: Callable[[str], None]) -
 
 
 def _imitate(
-    job: Job,
-    hyper: Hyper,
-    model: PPO,
-    environments: VecMonitor,
-    before: RlProgress,
-    tell: Callable[[str], None],
+    job: Job, hyper: Hyper, model: PPO, environments: VecMonitor, before: RlProgress, tell: Callable[[str], None]
 ) -> RlProgress:
     """The rollouts of imitation that are missing, with checkpoints, which do not hold what was remembered."""
     began = saved = time.monotonic()

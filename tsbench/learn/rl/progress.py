@@ -60,13 +60,7 @@ class ProgressCallback(BaseCallback):
     """
 
     def __init__(
-        self,
-        out: Path,
-        job: dict[str, Any],
-        before: RlProgress,
-        total: int,
-        tell: Callable[[str], None],
-        every: float,
+        self, out: Path, job: dict[str, Any], before: RlProgress, total: int, tell: Callable[[str], None], every: float
     ) -> None:
         super().__init__()
         self._out, self._job, self._before, self._total, self._tell = out, job, before, total, tell

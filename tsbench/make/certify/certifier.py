@@ -97,14 +97,16 @@ class Certifier:
         a, b = self._proofs[SIGNED], self._proofs[CONTRAST]
         if (a.spec.scenario_id, b.spec.scenario_id) != (signed.scenario_id, contrast.scenario_id):
             raise ValueError(f"{signed.scenario_id} and {contrast.scenario_id} were not proven last")
-        replayed = (
-            self._passes(_replay(one.solved.seen.answers), other.spec) for one, other in ((a, b), (b, a))
-        )
+        replayed = (self._passes(_replay(one.solved.seen.answers), other.spec) for one, other in ((a, b), (b, a)))
         differs_s, brake = self._reaction(a, b)
         pair = partial(
-            replace, exclusive=not any(replayed), passed_by=self._passed_by(a, b),
-            blind_equal=a.blind.seen.view == b.blind.seen.view != "", differs_s=differs_s, brake_mps2=brake,
-        )  # fmt: skip
+            replace,
+            exclusive=not any(replayed),
+            passed_by=self._passed_by(a, b),
+            blind_equal=a.blind.seen.view == b.blind.seen.view != "",
+            differs_s=differs_s,
+            brake_mps2=brake,
+        )
         return pair(signed), pair(contrast)
 
     def again(self, rows: Sequence[tuple[ScenarioSpec, Certificate]]) -> list[Certificate]:
@@ -120,8 +122,7 @@ class Certifier:
         if len(new) > 1 and all(c.solvable for c in new):
             new = list(self.prove_pair(*new))
         return [
-            replace(fresh, reproduced=not old.differences(fresh))
-            for (_, old), fresh in zip(rows, new, strict=True)
+            replace(fresh, reproduced=not old.differences(fresh)) for (_, old), fresh in zip(rows, new, strict=True)
         ]
 
     def _solve(self, spec: ScenarioSpec) -> tuple[str, _Drive]:
@@ -165,9 +166,7 @@ class Certifier:
         found += [shown for habit in habits if (shown := self.shown_to(habit, a.spec, b.spec))]
         return min(found, key=lambda shown: shown[1], default=(None, None))
 
-    def shown_to(
-        self, habit: Habit, signed: ScenarioSpec, contrast: ScenarioSpec
-    ) -> tuple[float, float] | None:
+    def shown_to(self, habit: Habit, signed: ScenarioSpec, contrast: ScenarioSpec) -> tuple[float, float] | None:
         """When others first do something else in the contrast half, under a watching driver's commands of the signed
         one, and the braking that would still stop it then; None where they do not before they may.
         """
@@ -249,9 +248,7 @@ class Certifier:
 
     def _run(self, planner: LoadedPlanner, spec: ScenarioSpec) -> _Drive:
         seen = Recorder(planner.factory())
-        runner = EpisodeRunner(
-            replace(planner, factory=lambda: seen), simulation=self._simulation, loader=self._loader
-        )
+        runner = EpisodeRunner(replace(planner, factory=lambda: seen), simulation=self._simulation, loader=self._loader)
         return _Drive(runner.run(spec), seen)
 
 

@@ -16,12 +16,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.parallel import CachedResult, worker_processes
 from tsbench.make.certify.certifier import Certifier
 from tsbench.run.contract import code_hash
-from tsbench.scenarios.certificates import (
-    Certificate,
-    certificates_path,
-    read_certificates,
-    write_certificates,
-)
+from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates, write_certificates
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
@@ -47,16 +42,12 @@ def _drive(batch: _Batch, root: Path) -> list[dict[str, Any]]:
 def _kept(batch: _Batch, root: Path) -> CachedResult:
     """Where a map's certificates stay while a run goes on: keyed by rows, old certificates and code."""
     row = batch[0][0]
-    text = json.dumps(
-        [[asdict(spec), asdict(replace(old, reproduced=None))] for spec, old in batch], sort_keys=True
-    )
+    text = json.dumps([[asdict(spec), asdict(replace(old, reproduced=None))] for spec, old in batch], sort_keys=True)
     stamp = hashlib.sha256(f"{code_hash()}|{text}".encode()).hexdigest()
     return CachedResult(root / "build" / "certify" / row.pair_type / f"{row.map_id}.json", stamp)
 
 
-def recertify(
-    rows: Sequence[ScenarioSpec], root: Path, workers: int, progress: Callable[[int], None]
-) -> list[Problem]:
+def recertify(rows: Sequence[ScenarioSpec], root: Path, workers: int, progress: Callable[[int], None]) -> list[Problem]:
     """Renew the certificates of `rows` in the table below `root`; returns (scenario id, problem) of those that fail.
 
     Raises InputError for a row without a certificate: only the builder measures its traffic.
@@ -102,7 +93,5 @@ def _problems(old: Certificate, new: Certificate) -> list[str]:
     if not new.sane:
         found.append(new.error or f"not sane: {new.overlaps} overlaps, {new.road_users} road users")
     if not new.reproduced:
-        found.append(
-            f"it comes out differently than when it was certified: {'; '.join(old.differences(new))}"
-        )
+        found.append(f"it comes out differently than when it was certified: {'; '.join(old.differences(new))}")
     return found

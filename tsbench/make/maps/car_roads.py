@@ -8,9 +8,7 @@ from dataclasses import dataclass, field
 from tsbench.make.maps.plausible import some
 
 CAR_ROADS = frozenset(
-    f"{road}{link}"
-    for road in ("motorway", "trunk", "primary", "secondary", "tertiary")
-    for link in ("", "_link")
+    f"{road}{link}" for road in ("motorway", "trunk", "primary", "secondary", "tertiary") for link in ("", "_link")
 ) | {"unclassified", "residential", "living_street", "road"}
 # The most specific one that a way has decides, as for the routers OSRM and openrouteservice.
 ACCESS_KEYS = ("motorcar", "motor_vehicle", "vehicle", "access")

@@ -24,9 +24,7 @@ class EdgePiece:
     end: float = float("inf")
 
 
-def arm_pieces(
-    source: SourceNetwork, in_row: int | None, out_row: int | None, reach: float
-) -> list[EdgePiece]:
+def arm_pieces(source: SourceNetwork, in_row: int | None, out_row: int | None, reach: float) -> list[EdgePiece]:
     """Both edges of an arm up to `reach` metres from its node."""
     pieces = []
     if in_row is not None:
@@ -36,9 +34,7 @@ def arm_pieces(
     return pieces
 
 
-def assemble(
-    source: SourceNetwork, pieces: Sequence[EdgePiece], roundabouts: Sequence[Sequence[str]] = ()
-) -> PlainNet:
+def assemble(source: SourceNetwork, pieces: Sequence[EdgePiece], roundabouts: Sequence[Sequence[str]] = ()) -> PlainNet:
     """The pieces as one network, in metres around the crop's centre (a whole metre of the UTM grid)."""
     lines = {piece.row: _line(source, piece) for piece in sorted(pieces, key=lambda p: p.row)}
     everything = np.vstack(list(lines.values()))
@@ -51,16 +47,8 @@ def assemble(
         tail, head = int(source.tail[piece.row]), int(source.head[piece.row])
         begins, finishes = piece.start > 0.0, piece.end < float(source.lengths[piece.row])
         edge_id = source.edge_ids[piece.row]
-        tail_id = (
-            _end_node(f"{edge_id}.start", line[0], ends, nodes)
-            if begins
-            else _node(source, tail, centre, nodes)
-        )
-        head_id = (
-            _end_node(f"{edge_id}.end", line[-1], ends, nodes)
-            if finishes
-            else _node(source, head, centre, nodes)
-        )
+        tail_id = _end_node(f"{edge_id}.start", line[0], ends, nodes) if begins else _node(source, tail, centre, nodes)
+        head_id = _end_node(f"{edge_id}.end", line[-1], ends, nodes) if finishes else _node(source, head, centre, nodes)
         edges.append(_edge(source, piece.row, tail_id, head_id, line))
     lat, lon = source.frame.to_degrees(*centre).tolist()
     east = source.frame.true_east(centre[0])
@@ -70,11 +58,7 @@ def assemble(
         connections=(),
         roundabouts=tuple(tuple(ring) for ring in roundabouts),
         origin=(round(lat, 7), round(lon, 7)),
-        attributes={
-            "source": source.name,
-            "utm_east": f"{east:.0f}",
-            "utm_north": f"{centre[1]:.0f}",
-        },
+        attributes={"source": source.name, "utm_east": f"{east:.0f}", "utm_north": f"{centre[1]:.0f}"},
     )
 
 

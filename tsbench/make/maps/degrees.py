@@ -20,9 +20,7 @@ _KM_PER_DEGREE = 111.2
 _UNITS = 10_000_000  # of osmium's, in a degree
 _UNDEFINED = 2**31 - 1  # a node without a place
 _DEGREES = re.compile(r"-?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-_MOST = {
-    f"{which}{axis}": most for axis, most in (("lat", 90.0), ("lon", 180.0)) for which in ("", "min", "max")
-}
+_MOST = {f"{which}{axis}": most for axis, most in (("lat", 90.0), ("lon", 180.0)) for which in ("", "min", "max")}
 Ints = npt.NDArray[np.int64]
 
 
@@ -65,9 +63,7 @@ def check_numbers(path: Path, lon: Ints, lat: Ints) -> None:
     if beyond.any() or (lon == 0).any() or (lat == 0).any():
         check_places(path)
     if beyond.any():
-        raise InputError(
-            f"{path}: {beyond.sum():,} nodes lie beyond 90 degrees of latitude or 180 of longitude"
-        )
+        raise InputError(f"{path}: {beyond.sum():,} nodes lie beyond 90 degrees of latitude or 180 of longitude")
 
 
 def check_places(path: Path) -> None:

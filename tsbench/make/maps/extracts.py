@@ -43,9 +43,7 @@ def list_extracts(osm_dir: Path) -> list[Path]:
     For Moscow all that lie there. For another city those that it names, each with its SHA-256.
     """
     if not osm_dir.is_dir():
-        raise InputError(
-            f"{osm_dir}: no such folder of OSM extracts; `tsbench maps fetch` gets some, or use --osm DIR"
-        )
+        raise InputError(f"{osm_dir}: no such folder of OSM extracts; `tsbench maps fetch` gets some, or use --osm DIR")
     city = chosen_city()
     if city.name != OWN_CITY:
         named = {find_extract(extract.name, osm_dir): extract for extract in city.extracts}

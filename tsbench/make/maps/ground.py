@@ -24,13 +24,11 @@ _GREEN = {
     "landuse": {"allotments", "cemetery", "forest", "grass", "meadow", "orchard", "recreation_ground", "vineyard"},
     "leisure": {"common", "garden", "golf_course", "park", "pitch", "playground"},
     "natural": {"grassland", "heath", "scrub", "wood"},
-}  # fmt: skip
+}
 _WATER = {"landuse": {"basin", "reservoir"}, "natural": {"water"}, "waterway": {"riverbank"}}
 # What a picture shows beside the box of its roads; corners nearer to a line than that go; smaller pieces too.
 _AROUND_M, _SIMPLER_M, _LEAST_M2, _GRID_M = 120.0, 0.5, 12.0, 0.1
-_ATTRIBUTION = (
-    "© OpenStreetMap contributors, Open Database License 1.0 (https://opendatacommons.org/licenses/odbl/)"
-)
+_ATTRIBUTION = "© OpenStreetMap contributors, Open Database License 1.0 (https://opendatacommons.org/licenses/odbl/)"
 
 
 def write_ground(osm_dir: Path) -> tuple[Path, dict[str, int]]:
@@ -82,9 +80,7 @@ def _surfaces(path: Path, file: Any, frame: UtmFrame) -> list[tuple[str, shapely
         for area in osmium.FileProcessor(file).with_areas():
             if area.is_area() and (kind := _kind(area.tags)):
                 parts = [
-                    shapely.Polygon(
-                        _ring(outer, frame), [_ring(hole, frame) for hole in area.inner_rings(outer)]
-                    )
+                    shapely.Polygon(_ring(outer, frame), [_ring(hole, frame) for hole in area.inner_rings(outer)])
                     for outer in area.outer_rings()
                 ]
                 found.append((kind, shapely.make_valid(shapely.MultiPolygon(parts))))
@@ -107,9 +103,7 @@ def _ring(nodes: Iterable[osmium.osm.NodeRef], frame: UtmFrame) -> Floats:
     return frame.to_metres(lat, lon)
 
 
-def around(
-    maps: Iterable[PoolRow], found: list[tuple[str, shapely.Geometry]]
-) -> Iterator[tuple[str, str, bytes]]:
+def around(maps: Iterable[PoolRow], found: list[tuple[str, shapely.Geometry]]) -> Iterator[tuple[str, str, bytes]]:
     """Of each map and kind that is there: what lies in its box and around it, in its own metres, as WKB."""
     tree = shapely.STRtree([shape for _, shape in found])
     for row in maps:
@@ -121,10 +115,6 @@ def around(
             cut = shapely.intersection(shapely.union_all(parts), box)
             moved = shapely.transform(cut, lambda points, row=row: points - (row.east, row.north))
             small = shapely.set_precision(shapely.simplify(moved, _SIMPLER_M), _GRID_M)
-            kept = [
-                part
-                for part in shapely.get_parts(small)
-                if part.geom_type == "Polygon" and part.area >= _LEAST_M2
-            ]
+            kept = [part for part in shapely.get_parts(small) if part.geom_type == "Polygon" and part.area >= _LEAST_M2]
             if kept:
                 yield row.map_id, kind, shapely.to_wkb(shapely.MultiPolygon(kept))

@@ -85,9 +85,7 @@ def harvest(osm_dir: Path, out: Path, report: Path, workers: int, progress: Prog
     folder = build_dir() / "harvest" / _key([extracts[name] for name in names])
     with worker_processes(workers, "harvesting") as pool:
 
-        def each(
-            what: str, work: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], keep: Keep
-        ) -> list[Any]:
+        def each(what: str, work: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], keep: Keep) -> list[Any]:
             results = []
             progress(what, 0, len(jobs))
             for result in pool.ordered(work, jobs, keep):
@@ -101,10 +99,7 @@ def harvest(osm_dir: Path, out: Path, report: Path, workers: int, progress: Prog
         frames = {name: frame for (_, name, _, _), (frame, _) in zip(ranked, read, strict=True)}
         _check_one_frame(frames, osm_dir)
         counts = each(
-            "finding maps",
-            _find,
-            ranked,
-            lambda _, name, *__: CachedResult(folder / f"found-{name}.json", ""),
+            "finding maps", _find, ranked, lambda _, name, *__: CachedResult(folder / f"found-{name}.json", "")
         )
         batches = [batch for name in names for batch in _batches(folder, name, osm_dir)]
         faults = each("linting", _lint, [(batch,) for batch in batches], lambda batch: batch.kept)
@@ -183,9 +178,7 @@ def _lint(batch: _Batch) -> list[str]:
     return lint_crops([(plain_crop(row, source), expectations(row)) for row in batch.rows])
 
 
-def _collect(
-    rejected: dict[str, Counter[str]], batches: Sequence[_Batch], found: Sequence[list[str]]
-) -> HarvestResult:
+def _collect(rejected: dict[str, Counter[str]], batches: Sequence[_Batch], found: Sequence[list[str]]) -> HarvestResult:
     """The sound rows, one per map id, and all counts. rejected: by source, the better-tagged first; found: faults."""
     sound: dict[str, PoolRow] = {}
     faults: dict[str, tuple[str, str]] = {}
@@ -246,9 +239,7 @@ class Coverage:
     """The roads of better-tagged extracts, as points every 10 m."""
 
     def __init__(self, better: Sequence[SourceNetwork]) -> None:
-        points = [
-            densified(source.line(row), STEP_M) for source in better for row in range(len(source.edge_ids))
-        ]
+        points = [densified(source.line(row), STEP_M) for source in better for row in range(len(source.edge_ids))]
         self._tree = cKDTree(np.concatenate(points)) if points else None
 
     def holds(self, source: SourceNetwork, pieces: Sequence[EdgePiece]) -> bool:

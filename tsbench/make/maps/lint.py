@@ -70,21 +70,14 @@ def loads_in_sumo(net: Path) -> bool:
     command = [str(sumo_binary("sumo")), *options]
     try:
         done = subprocess.run(
-            command,
-            cwd=net.parent,
-            env=sumo_environment(),
-            capture_output=True,
-            timeout=LOAD_TIMEOUT_S,
-            check=False,
+            command, cwd=net.parent, env=sumo_environment(), capture_output=True, timeout=LOAD_TIMEOUT_S, check=False
         )
     except subprocess.TimeoutExpired:
         return False
     return done.returncode == 0
 
 
-def _judge(
-    lanes: list[Lane], turns: dict[tuple[str, str], str], plain: PlainNet, wanted: Expectations
-) -> str:
+def _judge(lanes: list[Lane], turns: dict[tuple[str, str], str], plain: PlainNet, wanted: Expectations) -> str:
     built = {_edge(lane) for lane in lanes}
     if any(edge.id not in built for edge in plain.edges):
         return "netconvert dropped an edge"
@@ -93,11 +86,7 @@ def _judge(
     for lane in lanes:
         least = wanted.min_lane_m.get(_edge(lane), 0.0)
         if lane.getLength() < least:
-            return (
-                "a used lane is shorter than 8 m"
-                if least <= MIN_LANE_M
-                else "too little room before the junction"
-            )
+            return "a used lane is shorter than 8 m" if least <= MIN_LANE_M else "too little room before the junction"
     if any(link not in turns for link in wanted.links):
         return "an arm or way cannot be reached"
     if any(SUMO_TURNS.get(turns[link], "")[:1] != turn for link, turn in wanted.turns.items()):

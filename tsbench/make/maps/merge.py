@@ -80,11 +80,7 @@ def _joined(chain: Sequence[PlainEdge], kept: PlainEdge) -> PlainEdge:
     for edge in chain[1:]:
         line = _bridged(line, _middle(edge, half), half)
     return replace(
-        kept,
-        source=chain[0].source,
-        target=chain[-1].target,
-        shape=_rounded(_smoothed(line)),
-        spread="center",
+        kept, source=chain[0].source, target=chain[-1].target, shape=_rounded(_smoothed(line)), spread="center"
     )
 
 

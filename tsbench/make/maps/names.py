@@ -13,11 +13,7 @@ from urllib.parse import unquote, urlsplit
 from tsbench.core.errors import InputError
 
 _PACKED = ("", ".gz", ".bz2")
-SUFFIXES = (
-    *(kind + packed for kind in (".osm", ".osm.xml", ".xml") for packed in _PACKED),
-    ".osm.pbf",
-    ".pbf",
-)
+SUFFIXES = (*(kind + packed for kind in (".osm", ".osm.xml", ".xml") for packed in _PACKED), ".osm.pbf", ".pbf")
 # Files of OpenStreetMap's that are no extract, and what makes one of them.
 CHANGES = "a file of changes, not of roads: apply it to an extract with `osmium apply-changes`"
 _HISTORY = "a file of all that ever was: take one day of it with `osmium time-filter`"

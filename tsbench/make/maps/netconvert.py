@@ -52,9 +52,7 @@ def sumo_environment() -> dict[str, str]:
     return {**os.environ, "SUMO_HOME": str(home), "PROJ_DATA": proj, "PROJ_LIB": proj}
 
 
-def run_netconvert(
-    folder: Path, configuration: str, arguments: Sequence[str], *, what: str, timeout_s: float
-) -> str:
+def run_netconvert(folder: Path, configuration: str, arguments: Sequence[str], *, what: str, timeout_s: float) -> str:
     """Run netconvert in a folder and return what it said on stderr; `what` names the input in the error line.
 
     The arguments name files by their names in the folder: netconvert splits names at commas and drops spaces, so it
@@ -106,22 +104,16 @@ def convert_to_plain(extract: Path, folder: Path) -> ExtractFacts:
     return _convert(extract, folder, ("--plain-output-prefix", "net"), in_mirror=chosen_city().frame.mirrored)
 
 
-def _convert(
-    extract: Path, folder: Path, output: tuple[str, str], *options: str, in_mirror: bool
-) -> ExtractFacts:
+def _convert(extract: Path, folder: Path, output: tuple[str, str], *options: str, in_mirror: bool) -> ExtractFacts:
     facts = read_extract(extract, folder / "extract.osm", in_mirror)
     projection = UtmFrame(facts.zone).projection
     arguments = ("--osm-files", "extract.osm", "--proj", projection, *output, *options)
-    said = run_netconvert(
-        folder, "extract.netccfg", arguments, what=str(extract), timeout_s=EXTRACT_TIMEOUT_S
-    )
+    said = run_netconvert(folder, "extract.netccfg", arguments, what=str(extract), timeout_s=EXTRACT_TIMEOUT_S)
     (folder / "extract.osm").unlink()
     warnings = _kinds(said)
     of_tags = [line for line in warnings if _OF_TAGS.match(line)]
     option, name = output
-    built = (
-        [folder / name] if option == "--output-file" else [folder / f"{name}.{k}.xml" for k in ("nod", "edg")]
-    )
+    built = [folder / name] if option == "--output-file" else [folder / f"{name}.{k}.xml" for k in ("nod", "edg")]
     notes = (*facts.notes, *(f"netconvert: {line}" for line in of_tags), *_lost_roads(facts, built))
     others = tuple(f"netconvert: {line}" for line in warnings if line not in of_tags)
     return replace(facts, notes=notes, warnings=others)
@@ -154,10 +146,7 @@ def _kinds(stderr: str) -> list[str]:
         kind = _VALUES.sub("", text)
         first.setdefault(kind, text)
         count[kind] += 1
-    return [
-        text + (f" (and {count[kind] - 1} like it)" if count[kind] > 1 else "")
-        for kind, text in first.items()
-    ]
+    return [text + (f" (and {count[kind] - 1} like it)" if count[kind] > 1 else "") for kind, text in first.items()]
 
 
 def _last_error(stderr: str) -> str:

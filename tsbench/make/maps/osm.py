@@ -90,9 +90,7 @@ def read_extract(path: Path, plain_xml: Path, in_mirror: bool = False) -> Extrac
     except (RuntimeError, ValueError, osmium.InvalidLocationError) as broken:
         raise not_whole(path, broken, nodes, ways) from broken
     far = (
-        f"ways left out, two neighbouring nodes more than {FARTHEST_KM:g} km apart: {some(leaping)}"
-        if leaping
-        else ""
+        f"ways left out, two neighbouring nodes more than {FARTHEST_KM:g} km apart: {some(leaping)}" if leaping else ""
     )
     if not road_ends:
         why = (
@@ -107,9 +105,7 @@ def read_extract(path: Path, plain_xml: Path, in_mirror: bool = False) -> Extrac
             "`osmium extract`, whose ways are complete"
         )
     notes = (*contents.lines, *closed.lines(), *((far,) if far else ()), *aside.lines())
-    return ExtractFacts(
-        nodes, ways, np.array(signals, float).reshape(-1, 2), road_ends, contents.places.zone, notes
-    )
+    return ExtractFacts(nodes, ways, np.array(signals, float).reshape(-1, 2), road_ends, contents.places.zone, notes)
 
 
 _SWAPPED = {"left": "right", "right": "left"}

@@ -18,9 +18,7 @@ from tsbench.core.xmlfile import parse
 from tsbench.make.maps.car_roads import CAR_ROADS
 
 Box = tuple[float, float, float, float]  # west, south, east, north, degrees
-Outline = tuple[
-    tuple[float, float], ...
-]  # corners, (longitude, latitude), degrees; the first is not repeated
+Outline = tuple[tuple[float, float], ...]  # corners, (longitude, latitude), degrees; the first is not repeated
 SERVER = "https://overpass-api.de/api/interpreter"
 _MOST_DEGREES, _MOST_BYTES, _TIMEOUT_S = 1.5, 1 << 30, 900
 # What a server answers that has too much to do; the same question is answered later.
@@ -46,9 +44,7 @@ def check_outline(place: str, outline: Outline) -> None:
     """Raises InputError for a place that is too large to be asked for."""
     for values in zip(*outline, strict=True):
         if max(values) - min(values) > _MOST_DEGREES:
-            raise InputError(
-                f"--place {place}: larger than {_MOST_DEGREES} degrees; Overpass would refuse it"
-            )
+            raise InputError(f"--place {place}: larger than {_MOST_DEGREES} degrees; Overpass would refuse it")
 
 
 def query(area: Box | Outline, date: str | None = None, ground: bool = False) -> str:
@@ -58,9 +54,7 @@ def query(area: Box | Outline, date: str | None = None, ground: bool = False) ->
     """
     when = f'[date:"{date}T00:00:00Z"]' if date else ""
     roads, where = "|".join(sorted(CAR_ROADS)), _where(area)
-    asked = "".join(
-        f'wr["{key}"]{where};' for key in ("building", "landuse", "leisure", "natural", "waterway")
-    )
+    asked = "".join(f'wr["{key}"]{where};' for key in ("building", "landuse", "leisure", "natural", "waterway"))
     surfaces, more = (f"({asked})->.ground;", ".ground; .ground >;") if ground else ("", "")
     return (
         f"[out:xml][timeout:{_TIMEOUT_S}]{when};"

@@ -20,9 +20,7 @@ _LOOKED_AT = 1 << 16
 _EPOCH = "1970-01-01"
 
 
-def facts_of(
-    path: Path, date: str | None, address: str | None
-) -> tuple[int, dict[str, Any], tuple[str, ...]]:
+def facts_of(path: Path, date: str | None, address: str | None) -> tuple[int, dict[str, Any], tuple[str, ...]]:
     """The UTM zone of an extract, its keys in a city's file, and what of it is left out.
 
     date: of OpenStreetMap; None: as the file says. address: where it can be had; None: only its name is known.
@@ -51,7 +49,5 @@ def date_of(path: Path) -> str | None:
         told = found and found[1].decode()
     if told:
         return told
-    newest = max(
-        (f"{one.timestamp:%Y-%m-%d}" for one in osmium.FileProcessor(osm_file(path))), default=_EPOCH
-    )
+    newest = max((f"{one.timestamp:%Y-%m-%d}" for one in osmium.FileProcessor(osm_file(path))), default=_EPOCH)
     return newest if newest > _EPOCH else None

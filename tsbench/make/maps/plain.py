@@ -109,9 +109,7 @@ def split_edge(plain: PlainNet, edge_id: str, cuts: Sequence[float]) -> tuple[Pl
         if k:
             x, y = line.point_at(a)
             nodes.append(PlainNode(f"{edge_id}.cut{k}", x, y))
-            links += [
-                PlainConnection(f"{edge_id}.{k - 1}", f"{edge_id}.{k}", i, i) for i in range(edge.num_lanes)
-            ]
+            links += [PlainConnection(f"{edge_id}.{k - 1}", f"{edge_id}.{k}", i, i) for i in range(edge.num_lanes)]
     edges: list[PlainEdge] = [e for e in plain.edges if e.id != edge_id] + parts
     connections = [c for c in plain.connections if edge_id not in (c.source, c.target)]
     net = replace(plain, nodes=(*plain.nodes, *nodes), edges=tuple(edges), connections=(*connections, *links))

@@ -41,9 +41,7 @@ class ParsedEdge:
     line: list[tuple[float, float]]
 
 
-def elements(
-    file: Path | IO[bytes] | gzip.GzipFile, tag: str | Sequence[str] | None
-) -> Iterator[etree._Element]:
+def elements(file: Path | IO[bytes] | gzip.GzipFile, tag: str | Sequence[str] | None) -> Iterator[etree._Element]:
     """The elements called `tag`, or so, or all, one by one, the tree behind them freed."""
     for _, element in etree.iterparse(
         str(file) if isinstance(file, Path) else file,
@@ -113,9 +111,7 @@ def _edge(element: etree._Element, nodes: dict[str, tuple[float, float]]) -> Par
         if shape
         else [nodes[tail], nodes[head]]
     )
-    origins = {
-        int(p) for e in element.iter("param") if e.get("key") == "origId" for p in e.get("value", "").split()
-    }
+    origins = {int(p) for e in element.iter("param") if e.get("key") == "origId" for p in e.get("value", "").split()}
     widths = [float(lane.attrib["width"]) for lane in element.iter("lane") if "width" in lane.attrib]
     width = float(get("width", max(widths, default=DEFAULT_WIDTH_M)))
     return ParsedEdge(

@@ -25,9 +25,7 @@ _BY_LANE = re.compile(
 )
 # By tag that netconvert takes a number from: least, most, unit.
 BOUNDS = {
-    **dict.fromkeys(
-        ("maxspeed", "maxspeed:forward", "maxspeed:backward", "maxspeed:type", "zone:maxspeed"), _SPEED
-    ),
+    **dict.fromkeys(("maxspeed", "maxspeed:forward", "maxspeed:backward", "maxspeed:type", "zone:maxspeed"), _SPEED),
     "lanes": _LANES,
     **dict.fromkeys(("lanes:forward", "lanes:backward", BOTH_WAYS), _ONE_WAY_LANES),
     "width": _ROAD_WIDTH,
@@ -42,8 +40,14 @@ _NUMBER = re.compile(
 # Its units, in km/h and in metres.
 _UNITS = {
     **dict.fromkeys(("", "km/h", "kmh", "kph", "kmph", "m", "metre", "meter", "metres", "meters"), 1.0),
-    "mph": 1.609344, "knots": 1.852, "m/s": 3.6, "km": 1000.0, "ft": 0.3048, "cm": 0.01, "in": 0.0254,
-}  # fmt: skip
+    "mph": 1.609344,
+    "knots": 1.852,
+    "m/s": 3.6,
+    "km": 1000.0,
+    "ft": 0.3048,
+    "cm": 0.01,
+    "in": 0.0254,
+}
 
 
 def is_plausible(key: str, value: str) -> bool:

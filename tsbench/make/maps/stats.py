@@ -37,9 +37,7 @@ def count_tables(pool: Sequence[PoolRow]) -> list[CountTable]:
         _table("Maps by family and shape", pool, _kind, sources, _code),
         _table("Dual paths by slot", dual, lambda row: row.slot, ["T", "X"], lambda row: row.shape, SLOTS),
         _table("Dual paths by slot, well tagged", dual, lambda row: row.slot, ["yes", "no"], _tagged, SLOTS),
-        _table(
-            "Corridors by shape, direction and lanes", corridors, _corridor_kind, ["1", "2", "3+"], _bucket
-        ),
+        _table("Corridors by shape, direction and lanes", corridors, _corridor_kind, ["1", "2", "3+"], _bucket),
         _table(
             "Corridors of well-tagged extracts",
             [row for row in corridors if row.well_tagged],
@@ -97,10 +95,7 @@ def _table(
     ordered = list(names) or sorted({key for key, _ in counts})
     rows = [(key, tuple(counts[key, col] for col in columns)) for key in ordered]
     rows.append(
-        (
-            "all",
-            tuple(sum(values) for values in zip(*(v for _, v in rows), strict=True)) or (0,) * len(columns),
-        )
+        ("all", tuple(sum(values) for values in zip(*(v for _, v in rows), strict=True)) or (0,) * len(columns))
     )
     return CountTable(title, (*columns, "sum"), tuple((key, (*values, sum(values))) for key, values in rows))
 
@@ -113,10 +108,7 @@ def draw_pool(pool: Sequence[PoolRow], png: Path) -> None:
     frame = chosen_city().frame
     for family, colour in COLOURS.items():
         members = [row for row in pool if row.family == family]
-        east, north = (
-            [frame.true_east(row.east) / 1000 for row in members],
-            [row.north / 1000 for row in members],
-        )
+        east, north = ([frame.true_east(row.east) / 1000 for row in members], [row.north / 1000 for row in members])
         label = f"{family.replace('_', ' ')} ({len(members):,})"
         axis.scatter(east, north, s=14 if family == "roundabout" else 2, c=colour, linewidths=0, label=label)
     axis.set_aspect("equal")

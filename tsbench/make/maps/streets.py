@@ -67,12 +67,7 @@ def graph_of(extract: Path) -> Any:
 def _write_roads(plain: Path, roads: Path, taken: Iterable[int]) -> None:
     """Only these ways, and the nodes that they have."""
     ways = frozenset(taken)
-    used = {
-        ref.ref
-        for way in osmium.FileProcessor(str(plain), osmium.osm.WAY)
-        if way.id in ways
-        for ref in way.nodes
-    }
+    used = {ref.ref for way in osmium.FileProcessor(str(plain), osmium.osm.WAY) if way.id in ways for ref in way.nodes}
     with osmium.SimpleWriter(str(roads), overwrite=True) as writer:
         for one in osmium.FileProcessor(str(plain), osmium.osm.NODE | osmium.osm.WAY):
             if one.id in (used if one.is_node() else ways):
@@ -91,11 +86,16 @@ def streets_of(name: str, graph: networkx.MultiDiGraph) -> Streets:
             arms[min(count, _MOST_ARMS)] += nodes
     intersections = sum(arms.values())
     return Streets(
-        extract=name, area_km2=area_m2 / 1e6, street_km=told["street_length_total"] / 1e3, intersections=intersections,
+        extract=name,
+        area_km2=area_m2 / 1e6,
+        street_km=told["street_length_total"] / 1e3,
+        intersections=intersections,
         arms={count: nodes / intersections if intersections else 0.0 for count, nodes in arms.items()},
-        dead_ends=counts.get(1, 0) / told["n"], segment_m=told["street_length_avg"], circuity=told["circuity_avg"],
+        dead_ends=counts.get(1, 0) / told["n"],
+        segment_m=told["street_length_avg"],
+        circuity=told["circuity_avg"],
         entropy=float(osmnx.orientation_entropy(osmnx.convert.to_undirected(graph), weight="length")),
-    )  # fmt: skip
+    )
 
 
 def draw_bearings(graphs: Mapping[str, networkx.MultiDiGraph], path: Path) -> None:

@@ -23,16 +23,8 @@ _N = _F / (2 - _F)
 _RECTIFYING = _A / (1 + _N) * (1 + _N**2 / 4 + _N**4 / 64)
 _K0 = 0.9996
 _FALSE_EAST = 500000.0
-_ALPHA = (
-    _N / 2 - 2 * _N**2 / 3 + 5 * _N**3 / 16,
-    13 * _N**2 / 48 - 3 * _N**3 / 5,
-    61 * _N**3 / 240,
-)
-_BETA = (
-    _N / 2 - 2 * _N**2 / 3 + 37 * _N**3 / 96,
-    _N**2 / 48 + _N**3 / 15,
-    17 * _N**3 / 480,
-)
+_ALPHA = (_N / 2 - 2 * _N**2 / 3 + 5 * _N**3 / 16, 13 * _N**2 / 48 - 3 * _N**3 / 5, 61 * _N**3 / 240)
+_BETA = (_N / 2 - 2 * _N**2 / 3 + 37 * _N**3 / 96, _N**2 / 48 + _N**3 / 15, 17 * _N**3 / 480)
 _FALSE_NORTH = 10_000_000.0
 _ZONES, _ZONE_DEG = 60, 6
 _PROJECTION = re.compile(r"^\+proj=utm \+zone=(\d+)( \+south)? \+ellps=WGS84( |$)")
@@ -111,9 +103,7 @@ class UtmFrame:
         return _FALSE_NORTH if self.south else 0.0
 
     def __str__(self) -> str:
-        return (
-            f"UTM zone {self.zone}{' south' if self.south else ''}{' in a mirror' if self.mirrored else ''}"
-        )
+        return f"UTM zone {self.zone}{' south' if self.south else ''}{' in a mirror' if self.mirrored else ''}"
 
 
 def zones_at(lon: npt.ArrayLike) -> npt.NDArray[np.int64]:
@@ -128,7 +118,5 @@ def frame_of(projection: str, what: str) -> UtmFrame:
     """
     found = _PROJECTION.match(projection)
     if found is None or not 1 <= int(found[1]) <= _ZONES:
-        raise InputError(
-            f"{what}: netconvert used the projection {projection!r}, expected a zone of UTM on WGS 84"
-        )
+        raise InputError(f"{what}: netconvert used the projection {projection!r}, expected a zone of UTM on WGS 84")
     return UtmFrame(int(found[1]), found[2] is not None)

@@ -112,9 +112,7 @@ def contents_of(path: Path) -> Contents:
         named = [f"{_KINDS[kind[row]]} {number[row]}" for row in gone.tolist()]
         lines.append(f"left out what is deleted: {some(named)}")
     if not newest.all():
-        lines.append(
-            f"of objects that stand there more than once the newest counts: {(~newest).sum():,} left out"
-        )
+        lines.append(f"of objects that stand there more than once the newest counts: {(~newest).sum():,} left out")
     counts = newest & visible
     of_nodes = np.flatnonzero(kind == 0)
     lon, lat = (np.array(one, np.int64) for one in (x, y))
@@ -176,11 +174,7 @@ def with_nodes(path: Path) -> bytes:
     nodes: set[str | None] = set()
     places: dict[str, etree._Element] = {}
     made = BytesIO()
-    with (
-        opened_xml(path) as stream,
-        etree.xmlfile(made, encoding="UTF-8") as file,
-        file.element("osm", version="0.6"),
-    ):
+    with opened_xml(path) as stream, etree.xmlfile(made, encoding="UTF-8") as file, file.element("osm", version="0.6"):
         for element in elements(stream, ("node", "way", "relation")):
             if element.tag == "node":
                 nodes.add(element.get("id"))

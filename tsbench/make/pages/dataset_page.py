@@ -22,15 +22,7 @@ from tsbench.make.scenes.overview import TypeStats, type_stats
 from tsbench.report.drawing.canvas import STYLE, PageSize
 from tsbench.report.drawing.road_shapes import ground_shapes, road_shapes
 from tsbench.report.drawing.scene_shapes import scene_shapes
-from tsbench.report.page.page_format import (
-    drawing,
-    pack,
-    pack_table,
-    page_column,
-    plate_keys,
-    plate_of,
-    render_page,
-)
+from tsbench.report.page.page_format import drawing, pack, pack_table, page_column, plate_keys, plate_of, render_page
 from tsbench.report.scene_pictures import scene_picture
 from tsbench.scenarios.certificates import Certificate, certificates_of
 from tsbench.scenarios.data_set import DataSet
@@ -97,10 +89,7 @@ def scene_blob(type_id: str, map_id: str) -> str:
 
 
 def pack_scenes(
-    data: DataSet,
-    groups: Mapping[Group, Sequence[ScenarioSpec]],
-    workers: int,
-    progress: Callable[[int, int], None],
+    data: DataSet, groups: Mapping[Group, Sequence[ScenarioSpec]], workers: int, progress: Callable[[int, int], None]
 ) -> Iterator[tuple[Group, bytes, set[str]]]:
     """Blobs in the groups' order (`roads` by network, `scenes` by id, each with its `net`), and the plates in them."""
     with worker_processes(min(workers, len(groups)), "packing scenes") as pool:
@@ -143,26 +132,16 @@ COLUMNS = (
     page_column("variant", "variant", "number", digits=0),
     page_column("half", "half", filter="choice"),
     page_column(
-        "expert",
-        "solved by",
-        filter="choice",
-        marks=_LOST,
-        title="the expert that obeyed the sign and arrived",
+        "expert", "solved by", filter="choice", marks=_LOST, title="the expert that obeyed the sign and arrived"
     ),
     page_column("expert_time_s", "after", "number", unit="s", minor=True),
-    _flag(
-        "tempting", "tempting", filter="choice", marks=_GOOD, title="a driver who does not see signs failed"
-    ),
+    _flag("tempting", "tempting", filter="choice", marks=_GOOD, title="a driver who does not see signs failed"),
     page_column("blind_outcome", "blind baseline", filter="choice", minor=True),
     _flag("engaged", "engaged", minor=True, title="the rule bound the blind baseline"),
     _flag("sane", "sane", filter="choice", marks=_BAD, title=_SANE),
     _flag("reproduced", "again", minor=True, marks=_BAD, title="a second process drove it to the same bytes"),
     page_column(
-        "asked_density",
-        "asked",
-        "number",
-        unit=_DENSITY,
-        title="density of moving cars that the scene asks for",
+        "asked_density", "asked", "number", unit=_DENSITY, title="density of moving cars that the scene asks for"
     ),
     page_column("realised_density", "realised", "number", unit=_DENSITY),
     page_column("arrival_gap_s", "gap", "number", unit="s", minor=True, title=_GAP),
@@ -206,9 +185,7 @@ _QUALITY = 82
 Progress = Callable[[int, int], None]
 
 
-def write_dataset_page(
-    data: DataSet, rows: Sequence[ScenarioSpec], out: Path, workers: int, progress: Progress
-) -> int:
+def write_dataset_page(data: DataSet, rows: Sequence[ScenarioSpec], out: Path, workers: int, progress: Progress) -> int:
     """Write the page of `rows`; returns its size in bytes. progress(done, of): scenes of maps packed.
 
     Raises InputError: no rows, a scene file or certificate that is missing or changed, a page over 20 MB.
@@ -231,9 +208,14 @@ def write_dataset_page(
         plates |= shown
     pictures = {key: plate_of(key) for key in sorted(plates)}
     text = render_page(
-        "dataset.html", title="tsbench scenarios", data={"plates": pictures}, blobs=blobs,
-        scripts=("dataset_map.js", "dataset.js"), cards=_cards(data, rows), facts=_facts(rows, proofs),
-    )  # fmt: skip
+        "dataset.html",
+        title="tsbench scenarios",
+        data={"plates": pictures},
+        blobs=blobs,
+        scripts=("dataset_map.js", "dataset.js"),
+        cards=_cards(data, rows),
+        facts=_facts(rows, proofs),
+    )
     content = text.encode()
     if len(content) > LARGEST_BYTES:
         raise InputError(f"{out}: the page would have {len(content) / 1e6:.0f} MB; give --types or --split")
@@ -259,14 +241,10 @@ def _cards(data: DataSet, rows: Sequence[ScenarioSpec]) -> list[dict[str, Any]]:
     first: dict[str, ScenarioSpec] = {}
     for row in rows:
         first.setdefault(row.scenario_type, row)
-    return [
-        _card(kind, data, stats[kind.id], first[kind.id]) for kind in data.catalog.types if kind.id in first
-    ]
+    return [_card(kind, data, stats[kind.id], first[kind.id]) for kind in data.catalog.types if kind.id in first]
 
 
-def _card(
-    kind: ScenarioType, data: DataSet, stats: Sequence[TypeStats], example: ScenarioSpec
-) -> dict[str, Any]:
+def _card(kind: ScenarioType, data: DataSet, stats: Sequence[TypeStats], example: ScenarioSpec) -> dict[str, Any]:
     signs = [data.catalog.sign(code) for code in kind.codes]
     n = sum(entry.rows for entry in stats)
     shares = {

@@ -17,9 +17,7 @@ _SAME = ("solvable", "tempting", "engaged", "sane")
 _SHARES = {"tagged": "tagged_share", **{name: name for name in _SAME}, "again": "reproduced"}
 
 
-def dataset_tables(
-    stats: Sequence[TypeStats], report: Sequence[Mapping[str, Any]]
-) -> tuple[Analysis, Analysis]:
+def dataset_tables(stats: Sequence[TypeStats], report: Sequence[Mapping[str, Any]]) -> tuple[Analysis, Analysis]:
     """Rows, and maps. report: what the last build wrote down (overview.build_report)."""
     splits = dict.fromkeys(t.split for t in stats)
     counts = {split: sum(t.rows for t in stats if t.split == split) for split in splits}
@@ -96,9 +94,7 @@ def axes_table(axes: Sequence[TypeAxes]) -> Analysis:
         "distinct ones on a map, mean over maps. apart: % of rows that differ from every other row of their map in "
         "plate, value, distractors, start lane, approach or destination",
     )
-    return Analysis(
-        "dataset-axes", "In what the rows of a map differ", "", Table(columns, tuple(rows), 2), notes
-    )
+    return Analysis("dataset-axes", "In what the rows of a map differ", "", Table(columns, tuple(rows), 2), notes)
 
 
 def tagging_table(found: Sequence[Tagging]) -> Analysis:

@@ -64,9 +64,7 @@ def _picture(row: PoolRow, network: RoadNetwork) -> Image:
 def _marks(row: PoolRow, network: RoadNetwork) -> Iterator[Area]:
     for name, colour in _MARKS.items():
         value = row.fields.get(name, [])
-        lanes = [
-            lane for e in ([value] if isinstance(value, str) else value) for lane in network.edge_lanes(e)
-        ]
+        lanes = [lane for e in ([value] if isinstance(value, str) else value) for lane in network.edge_lanes(e)]
         yield Area(colour, shapely.union_all([strip(lane.line, lane.width - 0.3) for lane in lanes]), 0.8)
     for lane in network.lanes:
         if not lane.internal:

@@ -70,9 +70,7 @@ def country_analysis(catalog: Catalog, country: Country) -> Analysis:
         rows.append(Row((sign, catalog.sign(sign).name_en, entry.code, checked, note)))
     title = f"{country.name_en}: {country.count} of {country.known} signs have an equivalent"
     columns = text_columns(*keys)
-    return Analysis(
-        f"country-{country.code}", title, "", Table(columns, tuple(rows), 5), (country.numbering,)
-    )
+    return Analysis(f"country-{country.code}", title, "", Table(columns, tuple(rows), 5), (country.numbering,))
 
 
 EXPERT = "idm-e"
@@ -128,13 +126,7 @@ class PageMaker:
         for name, trace in films.items():
             if trace is not None:
                 span = _span(trace, _decisive(broken, trace))
-                render_gif(
-                    trace,
-                    load_scene(self._data, trace.spec),
-                    folder / f"{type_id}-{name}.gif",
-                    GIF_SIZE,
-                    span,
-                )
+                render_gif(trace, load_scene(self._data, trace.spec), folder / f"{type_id}-{name}.gif", GIF_SIZE, span)
         path = self.out / f"{type_id}.md"
         write_atomic(path, self._text(kind, drives).encode())
         return path

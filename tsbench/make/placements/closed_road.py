@@ -72,11 +72,7 @@ class ClosedRoadPlacement(ScenePlacement):
             raise UnfitMapError("no way from the main road into an exit that could be closed")
         way = ways[variant.layout * _STRIDE % len(ways)]
         lane = way.lane
-        start = EgoStart(
-            lane.id,
-            before_line(lane, recipe.number("ego_before_line_m")),
-            start_speed(task, lane),
-        )
+        start = EgoStart(lane.id, before_line(lane, recipe.number("ego_before_line_m")), start_speed(task, lane))
         plate_s = recipe.number("plate_after_junction_m")
         harmless = recipe.choices["harmless"][0]
         signs = (
@@ -87,11 +83,17 @@ class ClosedRoadPlacement(ScenePlacement):
         end_s = variant.route_end(plate_s + recipe.number("destination_behind_plate_m"), room)
         into = turns_into(graph, {way.exit, way.other})
         return Arrangement(
-            signs=signs, target=signs[0].id, start=start, destination=Destination(way.exit, end_s),
-            route_hint=(lane.edge, way.exit), route_length=end_s, avoid_turns=frozenset(into),
-            closed_edges=frozenset({way.exit, way.other, *way.back}), platoons=frozenset(network.edges),
+            signs=signs,
+            target=signs[0].id,
+            start=start,
+            destination=Destination(way.exit, end_s),
+            route_hint=(lane.edge, way.exit),
+            route_length=end_s,
+            avoid_turns=frozenset(into),
+            closed_edges=frozenset({way.exit, way.other, *way.back}),
+            platoons=frozenset(network.edges),
             blocked=keep_clear(passenger_lanes(network, lane.edge), start),
-        )  # fmt: skip
+        )
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
         """The two plates exchanged: the ego's way is open."""

@@ -58,9 +58,7 @@ class ContraflowPlacement(ScenePlacement):
             raise UnfitMapError("the turned lane does not lie straight ahead of a lane")
         lane, exit_, contra = network.lanes[turned.entry], turned.host, network.lanes[turned.lane]
         approach = lane.edge
-        require(
-            graph.route(approach, exit_) == (approach, exit_), "the exit is not the next edge of the route"
-        )
+        require(graph.route(approach, exit_) == (approach, exit_), "the exit is not the next edge of the route")
         onward = _onward(network, reserved)
         params = ReservedLaneParams((exit_,), approach, (contra.id,))
         sign = plate_beside(network, self.code, exit_, recipe.number("plate_after_junction_m"), params)
@@ -73,11 +71,15 @@ class ContraflowPlacement(ScenePlacement):
         end_s = variant.route_end(0.0, room)
         across = math.dist(lane.line.points[-1], contra.line.points[-1])
         return Arrangement(
-            signs=(sign,), target=sign.id, start=start, destination=Destination(exit_, end_s),
-            route_hint=(approach, exit_), route_length=end_s,
+            signs=(sign,),
+            target=sign.id,
+            start=start,
+            destination=Destination(exit_, end_s),
+            route_hint=(approach, exit_),
+            route_length=end_s,
             convoy=lane_users(task, self.users, contra, (reserved, onward), lane, start, across),
             blocked=keep_clear(passenger_lanes(network, approach)[-1:], start),
-        )  # fmt: skip
+        )
 
 
 _CONTRA = ".contra"

@@ -9,12 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from tsbench.make.placements.placement import (
-    Arrangement,
-    SceneTask,
-    UnfitMapError,
-    UnluckyDrawError,
-)
+from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError, UnluckyDrawError
 from tsbench.make.placements.posts import (
     TRIES,
     bare_post,
@@ -60,8 +55,7 @@ def with_same_plates(
         codes = " and ".join(sorted({code for swap in swaps for code, _ in swap}))
         raise UnluckyDrawError(f"no place for plates {codes} that binds nobody")
     signed, contrast = (
-        replace(half, avoid_turns=sent.avoid_turns, closed_edges=sent.closed_edges)
-        for half in (signed, contrast)
+        replace(half, avoid_turns=sent.avoid_turns, closed_edges=sent.closed_edges) for half in (signed, contrast)
     )
     return _on_posts(signed, contrast, sorted(held, key=lambda h: (h[0].edge, h[0].position_m)))
 
@@ -128,9 +122,7 @@ def _sent(task: SceneTask, arrangement: Arrangement, held: Sequence[_Held], road
     return shut_roads(roads, shut, ego=ego, sent=Sent(frozenset(avoid), frozenset(closed)))
 
 
-def _with_same_limits(
-    task: SceneTask, signed: Arrangement, contrast: Arrangement
-) -> tuple[Arrangement, Arrangement]:
+def _with_same_limits(task: SceneTask, signed: Arrangement, contrast: Arrangement) -> tuple[Arrangement, Arrangement]:
     """The other half's limit and an end, so that which end is in sight does not tell which limit binds the ego.
 
     No end stands ahead of the ego. Facing the other direction stand, in the signed half, an end of its limit and then
@@ -145,9 +137,7 @@ def _with_same_limits(
     return _on_posts(signed, contrast, [(posts[0], end_a, a), (posts[1], b, end_a)])
 
 
-def _on_posts(
-    signed: Arrangement, contrast: Arrangement, posts: Sequence[_Held]
-) -> tuple[Arrangement, Arrangement]:
+def _on_posts(signed: Arrangement, contrast: Arrangement, posts: Sequence[_Held]) -> tuple[Arrangement, Arrangement]:
     """Both halves with more posts: each with its plate in the signed half and the one in the other half."""
     ours = tuple(replace(post, code=code, value=value) for post, (code, value), _ in posts)
     theirs = tuple(replace(post, code=code, value=value) for post, _, (code, value) in posts)

@@ -99,12 +99,17 @@ class CrosswalkPlacement(ScenePlacement):
         posts = zip((first, facing[0], last, facing[1]), 2 * [(self.code, None)] + 2 * [limit], strict=True)
         signs = tuple(
             plate_beside(
-                network, code, edge, network.edge_lanes(edge)[0].line.length,
-                None if k else CrosswalkParams(crossing.id, last), number=k, role=DISTRACTOR if k else TARGET,
+                network,
+                code,
+                edge,
+                network.edge_lanes(edge)[0].line.length,
+                None if k else CrosswalkParams(crossing.id, last),
+                number=k,
+                role=DISTRACTOR if k else TARGET,
                 value=value,
             )
             for k, (edge, (code, value)) in enumerate(posts)
-        )  # fmt: skip
+        )
         before = {side: _before_strip(crossing, lane, ahead, side) for side in SIDES}
         walkers = self._walkers(task, crossing, before)
         onward = network.lanes[network.outgoing[lane.index][0].to_lane]
@@ -112,11 +117,7 @@ class CrosswalkPlacement(ScenePlacement):
         cruise = round(min(network.shown_limits[lane.index], lane.speed, bend), 2)
         require(cruise >= recipe.number("least_cruise_mps"), f"{cruise:.1f} m/s at the crossing")
         # A fast start makes yielding cost time: an ego that is slow from the start does not slow for pedestrians.
-        share = np.interp(
-            variant.initial_speed,
-            INITIAL_SPEEDS_MPS,
-            (recipe.number("start_speed_share"), 1.0),
-        )
+        share = np.interp(variant.initial_speed, INITIAL_SPEEDS_MPS, (recipe.number("start_speed_share"), 1.0))
         start = EgoStart(lane.id, start_s, round(cruise * float(share), 2))
         plan = _plan(task, walkers, lane, ahead, cruise)
         to_line = lane.line.length - start_s - EGO_LENGTH_M / 2
@@ -124,11 +125,16 @@ class CrosswalkPlacement(ScenePlacement):
         room = network.edge_lanes(last)[0].line.length - recipe.number("end_before_edge_m")
         end_s = variant.route_end(0.0, room)
         return Arrangement(
-            signs=signs, target=signs[0].id, start=start, destination=Destination(last, end_s),
-            route_hint=(first, last), route_length=end_s,
-            extra=_elements(task, walkers, crossing, max(wait - plan.lead_time_s, 0.0)), walkers=plan,
+            signs=signs,
+            target=signs[0].id,
+            start=start,
+            destination=Destination(last, end_s),
+            route_hint=(first, last),
+            route_length=end_s,
+            extra=_elements(task, walkers, crossing, max(wait - plan.lead_time_s, 0.0)),
+            walkers=plan,
             blocked=keep_clear(lanes, start),
-        )  # fmt: skip
+        )
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
         """The plates of the two crossings exchanged; the same people wait until the ego is past.
@@ -142,8 +148,7 @@ class CrosswalkPlacement(ScenePlacement):
         passage = PassageParams(first, last, crossing=(params.crossing,))
         others = (*signed.signs[2:], *signed.signs[:2])
         plate, *rest = (
-            replace(sign, code=other.code, value=other.value)
-            for sign, other in zip(signed.signs, others, strict=True)
+            replace(sign, code=other.code, value=other.value) for sign, other in zip(signed.signs, others, strict=True)
         )
         plate = replace(plate, params=ZoneParams((first, last)))
         walkers = replace(signed.walkers, until_past=True)
@@ -210,9 +215,7 @@ def _plan(task: SceneTask, walkers: list[_Walker], lane: Lane, ahead: float, cru
     )
 
 
-def _elements(
-    task: SceneTask, walkers: list[_Walker], crossing: Crossing, wait: float
-) -> tuple[etree._Element, ...]:
+def _elements(task: SceneTask, walkers: list[_Walker], crossing: Crossing, wait: float) -> tuple[etree._Element, ...]:
     """The people and their types, those beside one another on different tracks of their footpath."""
     recipe, network = task.recipe, task.network
     edge = task.row.fields["edge"]

@@ -50,9 +50,7 @@ def with_crossings(
         for side, turn in (("right", -math.pi / 2), ("left", math.pi / 2)):
             far = reach[side] + recipe.number("path_m")
             name = path_name(edge.id, side, k)
-            end = PlainNode(
-                f"{name}.end", x + far * math.cos(heading + turn), y + far * math.sin(heading + turn)
-            )
+            end = PlainNode(f"{name}.end", x + far * math.cos(heading + turn), y + far * math.sin(heading + turn))
             nodes.append(end)
             paths.append(
                 PlainEdge(
@@ -61,9 +59,7 @@ def with_crossings(
                 )
             )  # fmt: skip
         crossing = PlainCrossing(node, (parts[k], theirs[2 - k]), recipe.number("crossing_width_m"))
-        net = replace(
-            net, nodes=(*net.nodes, *nodes), edges=(*net.edges, *paths), crossings=(*net.crossings, crossing)
-        )
+        net = replace(net, nodes=(*net.nodes, *nodes), edges=(*net.edges, *paths), crossings=(*net.crossings, crossing))
     return net
 
 

@@ -78,12 +78,16 @@ class DetourPlacement(ScenePlacement):
         end_s = middle + variant.route_end(recipe.number("least_after_m") - past, length_m - past - middle)
         beyond = near + length + _LONGEST_CAR_M + 1.0
         return Arrangement(
-            signs=tuple(signs), target=signs[0].id,
+            signs=tuple(signs),
+            target=signs[0].id,
             start=EgoStart(lane.id, start_s, start_speed(task, lane)),
-            destination=Destination(edge, end_s), route_hint=(edge,), route_length=end_s - middle,
-            obstacles=tuple(obstacles), blocked=((lane.id, start_s, beyond),),
+            destination=Destination(edge, end_s),
+            route_hint=(edge,),
+            route_length=end_s - middle,
+            obstacles=tuple(obstacles),
+            blocked=((lane.id, start_s, beyond),),
             closed_edges=frozenset((edge,) if len(obstacles) > 1 else ()),
-        )  # fmt: skip
+        )
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement | None:
         """The two plates exchanged; where the target allows both sides, no plate contradicts it."""

@@ -8,10 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from tsbench.make.placements.placement import (
-    Arrangement,
-    SceneTask,
-)
+from tsbench.make.placements.placement import Arrangement, SceneTask
 from tsbench.make.placements.posts import (
     bare_post,
     can_stand,
@@ -28,20 +25,14 @@ from tsbench.signs.annotations import SignInstance
 _NEVER = ("min_speed", "reserved_lane")
 
 
-def distractors(
-    task: SceneTask, arrangement: Arrangement, halves: Sequence[PlacedPlates]
-) -> tuple[SignInstance, ...]:
+def distractors(task: SceneTask, arrangement: Arrangement, halves: Sequence[PlacedPlates]) -> tuple[SignInstance, ...]:
     """As many as the variant asks for and the map has places for, of codes that are not the scene's.
 
     They face oncoming traffic, or stand on side roads that lead to the ego's way.
 
     halves: of the scene; in each a plate can stand where it stands, and no vehicle breaks it.
     """
-    catalog, wanted, taken = (
-        task.recipe.catalog,
-        task.variant.distractors,
-        {s.code for s in arrangement.signs},
-    )
+    catalog, wanted, taken = (task.recipe.catalog, task.variant.distractors, {s.code for s in arrangement.signs})
     kinds = [
         kind
         for kind in catalog.types
@@ -61,9 +52,13 @@ def distractors(
 
 
 def _fitting(
-    task: SceneTask, arrangement: Arrangement, edges: Sequence[str], codes: Sequence[str],
-    found: tuple[SignInstance, ...], halves: Sequence[PlacedPlates],
-) -> SignInstance | None:  # fmt: skip
+    task: SceneTask,
+    arrangement: Arrangement,
+    edges: Sequence[str],
+    codes: Sequence[str],
+    found: tuple[SignInstance, ...],
+    halves: Sequence[PlacedPlates],
+) -> SignInstance | None:
     """A plate of the first of the codes, in a drawn order, that can stand on one of the edges, or None."""
     for code in shuffled(codes, task):
         for edge in shuffled(edges, task):

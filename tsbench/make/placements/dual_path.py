@@ -57,9 +57,7 @@ class ManoeuvrePlacement(ScenePlacement):
         self.catalog = recipe.catalog
         self.allowed = self._allowed(self.code)
         rules = {"manoeuvre", "one_way_exit"}
-        self._family = [
-            c for c, sign in self.catalog.signs.items() if sign.rule.name in rules and not sign.is_end
-        ]
+        self._family = [c for c, sign in self.catalog.signs.items() if sign.rule.name in rules and not sign.is_end]
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The roads stay; traffic on either way goes first. Other traffic is routed as the plates say."""
@@ -67,14 +65,9 @@ class ManoeuvrePlacement(ScenePlacement):
         seconds = drive_time(plain, ways, recipe)
         require(seconds <= recipe.number("longest_drive_s"), f"the obedient way takes about {seconds:.0f} s")
         block = row.fields["short_m"] + row.fields["compliant_m"]
-        require(
-            block >= recipe.number("least_block_m"), f"the two ways have {block:.0f} m in all: a slip lane"
-        )
+        require(block >= recipe.number("least_block_m"), f"the two ways have {block:.0f} m in all: a slip lane")
         bend = max(sharpest_bend(e) for e in plain.edges if e.id in ways)
-        require(
-            bend <= recipe.number("sharpest_bend_deg"),
-            f"the obedient way bends by {bend:.0f} degrees in a road",
-        )
+        require(bend <= recipe.number("sharpest_bend_deg"), f"the obedient way bends by {bend:.0f} degrees in a road")
         both = (*ways, *row.fields["short"])
         return main_road(self.roads(row, plain), both, int(recipe.number("main_priority")))
 
@@ -139,9 +132,7 @@ class ManoeuvrePlacement(ScenePlacement):
     def banned(self, graph: LaneGraph, short: Sequence[str], allowed: Sequence[str]) -> frozenset[Turn]:
         """Turns out of the signed approach that a plate with these manoeuvres prohibits."""
         return frozenset(
-            (short[0], exit_)
-            for exit_ in graph.successors(short[0])
-            if graph.turn(short[0], exit_) not in allowed
+            (short[0], exit_) for exit_ in graph.successors(short[0]) if graph.turn(short[0], exit_) not in allowed
         )
 
     def closed(self, graph: LaneGraph, way: Sequence[str]) -> frozenset[str]:
@@ -180,9 +171,7 @@ class ManoeuvrePlacement(ScenePlacement):
     def _allowed(self, code: str) -> Sequence[str]:
         return self.catalog.sign(code).rule.options.get("allowed", ())
 
-    def plates(
-        self, task: SceneTask, short: Sequence[str], compliant: Sequence[str]
-    ) -> tuple[SignInstance, ...]:
+    def plates(self, task: SceneTask, short: Sequence[str], compliant: Sequence[str]) -> tuple[SignInstance, ...]:
         """The target's plate first: on the approach, for all its lanes."""
         del compliant
         lane = task.network.edge_lanes(short[0])[0]
@@ -220,9 +209,7 @@ class OneWayPlacement(ManoeuvrePlacement):
     def other_code(self, task: SceneTask, short: Sequence[str], compliant: Sequence[str]) -> str:
         """The plate that points to the other side."""
         del compliant
-        code = next(
-            c for c in self._family if self.catalog.sign(c).rule.name == "one_way_exit" and c != self.code
-        )
+        code = next(c for c in self._family if self.catalog.sign(c).rule.name == "one_way_exit" and c != self.code)
         require(task.graph.turn(short[0], short[1]) in self._allowed(code), f"{code} prohibits the way")
         return code
 
@@ -253,9 +240,7 @@ class NoEntryPlacement(ManoeuvrePlacement):
         del graph
         return frozenset({way[1]})
 
-    def plates(
-        self, task: SceneTask, short: Sequence[str], compliant: Sequence[str]
-    ) -> tuple[SignInstance, ...]:
+    def plates(self, task: SceneTask, short: Sequence[str], compliant: Sequence[str]) -> tuple[SignInstance, ...]:
         """A few metres into each exit, facing who would enter it."""
         at = task.recipe.number("plate_after_start_m")
         for edge in (short[1], compliant[1]):
@@ -306,9 +291,7 @@ def _check_turns(row: PoolRow, graph: LaneGraph, short: Sequence[str], compliant
         turn = graph.turn(short[0], exit_)
         for c in graph.connections(short[0], exit_):
             if SUMO_TURNS.get(c.direction) != turn:
-                raise UnfitMapError(
-                    f"SUMO calls the turn into {exit_} {c.direction!r}, by its angle it is {turn}"
-                )
+                raise UnfitMapError(f"SUMO calls the turn into {exit_} {c.direction!r}, by its angle it is {turn}")
 
 
 def _length(network: RoadNetwork, graph: LaneGraph, edges: Sequence[str]) -> float:

@@ -13,13 +13,7 @@ from types import MappingProxyType
 from lxml import etree
 
 from tsbench.make.maps.plain import PlainNet
-from tsbench.make.placements.junction_arms import (
-    Arms,
-    bending_arms,
-    exchanged_arms,
-    through_arms,
-    with_priorities,
-)
+from tsbench.make.placements.junction_arms import Arms, bending_arms, exchanged_arms, through_arms, with_priorities
 from tsbench.make.placements.junction_convoy import (
     SHARES,
     Conflict,
@@ -108,10 +102,7 @@ class GiveWayPlacement(ScenePlacement):
         chosen = options[variant.layout % len(options)]
         lane, exit_lane = network.lanes[chosen.ego.from_lane], network.lanes[chosen.ego.to_lane]
         start = EgoStart(lane.id, before_line(lane, before), start_speed(task, lane))
-        room, least = (
-            exit_lane.line.length - recipe.number("end_before_edge_m"),
-            recipe.number("least_exit_m"),
-        )
+        room, least = (exit_lane.line.length - recipe.number("end_before_edge_m"), recipe.number("least_exit_m"))
         require(room >= least, f"the exit arm is {exit_lane.line.length:.0f} m long")
         end_s = variant.route_end(least, room)
         route = (lane.edge, exit_lane.edge)
@@ -151,15 +142,11 @@ class GiveWayPlacement(ScenePlacement):
         passage = PassageParams(arms.ego_in, exit_edge, arms.prior_in)
         return replace(
             signed,
-            signs=tuple(
-                replace(s, code=codes[s.id], params=binding if s.params else None) for s in signed.signs
-            ),
+            signs=tuple(replace(s, code=codes[s.id], params=binding if s.params else None) for s in signed.signs),
             contrast=(ContrastClause("needless_stop", passage), ContrastClause("needless_yield", passage)),
         )
 
-    def _plates(
-        self, task: SceneTask, arms: Arms, chosen: Conflict, start: EgoStart
-    ) -> tuple[SignInstance, ...]:
+    def _plates(self, task: SceneTask, arms: Arms, chosen: Conflict, start: EgoStart) -> tuple[SignInstance, ...]:
         """The target first, on the convoy's arm where it faces the main road; the others speak to other traffic."""
         network, recipe = task.network, task.recipe
         minor = _empty_plate(recipe) if _nobody_comes(task.row, recipe) else recipe.choices["minor_plates"][0]

@@ -133,10 +133,7 @@ def _turn(a: Arm, b: Arm) -> float:
 
 def _rank(arm: Arm) -> tuple[int, int]:
     name = str(arm["class"])
-    return (
-        _CLASSES.index(name) if name in _CLASSES else len(_CLASSES),
-        -int(arm["lanes_in"]) - int(arm["lanes_out"]),
-    )
+    return (_CLASSES.index(name) if name in _CLASSES else len(_CLASSES), -int(arm["lanes_in"]) - int(arm["lanes_out"]))
 
 
 def _edges(arms: list[Arm] | tuple[Arm, ...]) -> frozenset[str]:

@@ -12,13 +12,7 @@ from tsbench.geometry.angles import U_TURN
 from tsbench.geometry.overlap import ConflictZone, conflict_zone
 from tsbench.geometry.polyline import Polyline, bend_speed
 from tsbench.make.placements.junction_arms import Arms
-from tsbench.make.placements.placement import (
-    ConvoySetup,
-    SceneTask,
-    passenger_lanes,
-    require,
-    start_speed,
-)
+from tsbench.make.placements.placement import ConvoySetup, SceneTask, passenger_lanes, require, start_speed
 from tsbench.roads.junction_paths import junction_path
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import Connection, RoadNetwork
@@ -115,8 +109,7 @@ def _links(network: RoadNetwork, graph: LaneGraph, edge: str) -> list[Connection
         c
         for lane in passenger_lanes(network, edge)
         for c in network.outgoing[lane.index]
-        if network.lanes[c.to_lane].permits("passenger")
-        and graph.turn(edge, network.lanes[c.to_lane].edge) != U_TURN
+        if network.lanes[c.to_lane].permits("passenger") and graph.turn(edge, network.lanes[c.to_lane].edge) != U_TURN
     ]
 
 
@@ -137,9 +130,15 @@ def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
     least, most = recipe.number("convoy_least_after_s"), recipe.number("convoy_most_after_s")
     after = max(float(rng.uniform(least, most)), line_lead(task, chosen, speed))
     body = replace(
-        task.drivers[0], speed=speed, accel=recipe.number("convoy_accel_mps2"),
-        decel=recipe.number("convoy_decel_mps2"), headway=1.2, gap=2.0, length=_LENGTH_M, width=1.85,
-    )  # fmt: skip
+        task.drivers[0],
+        speed=speed,
+        accel=recipe.number("convoy_accel_mps2"),
+        decel=recipe.number("convoy_decel_mps2"),
+        headway=1.2,
+        gap=2.0,
+        length=_LENGTH_M,
+        width=1.85,
+    )
     count = int(rng.integers(1, int(recipe.number("convoy_most")) + 1))
     way = arm_m + chosen.zone.b_in - body.length
     first = max(round(eta + after - way / speed, 1), _FIRST_ENTRY_S)

@@ -22,13 +22,7 @@ _START_SHARE = 0.8
 
 
 def lane_users(
-    task: SceneTask,
-    vclass: str,
-    lane: Lane,
-    edges: tuple[str, ...],
-    before: Lane,
-    start: EgoStart,
-    across: float,
+    task: SceneTask, vclass: str, lane: Lane, edges: tuple[str, ...], before: Lane, start: EgoStart, across: float
 ) -> ConvoySetup:
     """The users of `lane`, who then drive over `edges`; `before`: the ego's lane, `across` from its end to theirs.
 
@@ -61,10 +55,14 @@ def user_driver(recipe: Recipe) -> Driver:
     """The recipe's bus or cyclist. Its headway is from front to front, IDM's is the gap: less its own length."""
     speed, length, gap = (recipe.number(f"user_{k}") for k in ("speed_mps", "length_m", "gap_m"))
     return Driver(
-        speed=speed, accel=recipe.number("user_accel_mps2"), decel=recipe.number("user_decel_mps2"),
-        headway=recipe.number("user_headway_s") - (length + gap) / speed, gap=gap, length=length,
+        speed=speed,
+        accel=recipe.number("user_accel_mps2"),
+        decel=recipe.number("user_decel_mps2"),
+        headway=recipe.number("user_headway_s") - (length + gap) / speed,
+        gap=gap,
+        length=length,
         width=recipe.number("user_width_m"),
-    )  # fmt: skip
+    )
 
 
 def way_from_standstill(driver: Driver, time: float) -> float:

@@ -83,10 +83,14 @@ class MinSpeedPlacement(ScenePlacement):
         start = EgoStart(lane.id, front - EGO_LENGTH_M / 2, (minimum - float(deficit)) * KMH)
         sign = plate_beside(network, self.code, edge, plate_s, ZoneParams((edge,)), value=minimum)
         return Arrangement(
-            signs=(sign,), target=sign.id,
-            start=start, destination=Destination(edge, end_s), route_hint=(edge,), route_length=end_s - plate_s,
+            signs=(sign,),
+            target=sign.id,
+            start=start,
+            destination=Destination(edge, end_s),
+            route_hint=(edge,),
+            route_length=end_s - plate_s,
             closed_edges=frozenset(network.edges),
-        )  # fmt: skip
+        )
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
         """3.24 on the same post: the minimum less 10 km/h and more is the most that is allowed."""

@@ -10,12 +10,7 @@ import numpy as np
 
 from tsbench.core.benchmark import SIGN_RANGE_M
 from tsbench.geometry.polyline import Polyline
-from tsbench.make.placements.placement import (
-    Arrangement,
-    SceneTask,
-    passenger_lanes,
-    plate_beside,
-)
+from tsbench.make.placements.placement import Arrangement, SceneTask, passenger_lanes, plate_beside
 from tsbench.make.scenes.driven_plates import broken_plates
 from tsbench.make.scenes.placed_plates import CLOSING, PlacedPlates
 from tsbench.make.scenes.plate_places import refused
@@ -101,9 +96,7 @@ def facing_ego(
         pairs = [(a, b) for a in free for b in free if b.position_m - a.position_m >= least]
         if pairs:
             chosen = pairs[int(task.rng.integers(len(pairs)))]
-            first, second = (
-                bare_post(task, arrangement, p.edge, p.position_m, k) for k, p in enumerate(chosen)
-            )
+            first, second = (bare_post(task, arrangement, p.edge, p.position_m, k) for k, p in enumerate(chosen))
             return first, second
     return None
 

@@ -85,18 +85,20 @@ class ReservedLanePlacement(ScenePlacement):
         facing, beyond = (f"{row.fields['opposite']}.{k}" for k in (1, 2))
         lane, reserved = network.edge_lanes(first)[0], network.edge_lanes(zone)[0]
         start = start_before_plate(task, lane.id, lane.line.length)
-        sign = plate_beside(
-            network, self.code, zone, 0.0, ReservedLaneParams((zone,), first, (reserved.id,)), lane=0
-        )
+        sign = plate_beside(network, self.code, zone, 0.0, ReservedLaneParams((zone,), first, (reserved.id,)), lane=0)
         other = usual_limit(task, recipe.choices["harmless"][0], (facing, 0.0), (facing, zone))
         room = network.edge_lanes(last)[0].line.length - recipe.number("end_before_edge_m")
         end_s = variant.route_end(recipe.number("least_destination_m"), room)
         return Arrangement(
-            signs=(sign, other), target=sign.id, start=start, destination=Destination(last, end_s),
-            route_hint=(first, zone, last), route_length=reserved.line.length + end_s,
+            signs=(sign, other),
+            target=sign.id,
+            start=start,
+            destination=Destination(last, end_s),
+            route_hint=(first, zone, last),
+            route_length=reserved.line.length + end_s,
             extra=_users(task, self.users, network.edge_lanes(facing)[0], (facing, beyond)),
             blocked=((lane.id, start.s, lane.line.length),),
-        )  # fmt: skip
+        )
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
         """The two plates exchanged: the oncoming lane is reserved, and the ego stays in its own."""

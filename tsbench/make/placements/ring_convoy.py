@@ -48,9 +48,15 @@ def ring_convoy(task: SceneTask, met: Sequence[Conflict], start: EgoStart, to_li
     turn, cruise = turn_speed(network, chosen.ego), network.shown_limits[lane.index]
     eta = predicted_arrival(to_line, to_line + chosen.zone.a_in, start.speed, cruise, turn)
     body = replace(
-        task.drivers[0], speed=float(rng.uniform(recipe.number("convoy_least_mps"), recipe.number("convoy_most_mps"))),
-        accel=recipe.number("convoy_accel_mps2"), decel=3.0, headway=1.2, gap=2.0, length=4.5, width=1.85,
-    )  # fmt: skip
+        task.drivers[0],
+        speed=float(rng.uniform(recipe.number("convoy_least_mps"), recipe.number("convoy_most_mps"))),
+        accel=recipe.number("convoy_accel_mps2"),
+        decel=3.0,
+        headway=1.2,
+        gap=2.0,
+        length=4.5,
+        width=1.85,
+    )
     time = recipe.number("convoy_time_share") * eta
     # The first metres of its path behind the line lie before the zone.
     wanted = min(way_from_standstill(body, time), recipe.number("convoy_farthest_m")) - chosen.zone.b_in
@@ -59,11 +65,17 @@ def ring_convoy(task: SceneTask, met: Sequence[Conflict], start: EgoStart, to_li
     lead = stands[0]
     body = _in_time(body, lead.back + chosen.zone.b_in, time, recipe.number("convoy_most_mps"))
     return ConvoySetup(
-        drivers=(body,) * len(stands), places=tuple(s.place for s in stands), lane=lead.lane.id,
-        edges=_way(task, chosen, stands[-1].lane.edge), zone_m=lead.place + lead.back + chosen.zone.b_in,
-        line_lane=lane.id, ego_zone_m=chosen.zone.a_in, ego_cruise_mps=cruise, ego_turn_mps=turn,
+        drivers=(body,) * len(stands),
+        places=tuple(s.place for s in stands),
+        lane=lead.lane.id,
+        edges=_way(task, chosen, stands[-1].lane.edge),
+        zone_m=lead.place + lead.back + chosen.zone.b_in,
+        line_lane=lane.id,
+        ego_zone_m=chosen.zone.a_in,
+        ego_cruise_mps=cruise,
+        ego_turn_mps=turn,
         lanes=tuple(s.lane.id for s in stands),
-    )  # fmt: skip
+    )
 
 
 def _in_time(body: Driver, way: float, time: float, most: float) -> Driver:
@@ -123,9 +135,7 @@ def _upstream(network: RoadNetwork, ring: tuple[str, ...], chosen: Conflict) -> 
         lane = network.lanes[back[0].from_lane]
 
 
-def _arms(
-    network: RoadNetwork, ring: tuple[str, ...], chosen: Conflict, arc: list[_Stretch]
-) -> Iterator[_Stretch]:
+def _arms(network: RoadNetwork, ring: tuple[str, ...], chosen: Conflict, arc: list[_Stretch]) -> Iterator[_Stretch]:
     """Entries of the arms upstream that lead onto the arc, the nearest first."""
     own = network.lanes[chosen.ego.from_lane].edge
     for stretch in arc:

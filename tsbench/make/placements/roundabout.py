@@ -96,11 +96,17 @@ class RoundaboutPlacement(ScenePlacement):
             for k, (e, length) in enumerate(lengths.items())
         ]
         return Arrangement(
-            signs=(sign, *more), target=sign.id, start=start, destination=destination, route_hint=route,
-            route_length=round_m + end_s, convoy=cars, quiet_edges=frozenset(cars.edges[:-1]),
+            signs=(sign, *more),
+            target=sign.id,
+            start=start,
+            destination=destination,
+            route_hint=route,
+            route_length=round_m + end_s,
+            convoy=cars,
+            quiet_edges=frozenset(cars.edges[:-1]),
             platoons=frozenset(others),
             blocked=keep_clear(passenger_lanes(network, approach), start),
-        )  # fmt: skip
+        )
 
 
 def _entry_lane(task: SceneTask, route: tuple[str, ...], destination: Destination) -> tuple[Lane, RoutePath]:

@@ -96,9 +96,7 @@ class SpeedZonePlacement(ScenePlacement):
         """The zone on edges of its own, on a road whose traffic drives as its class lets a driver expect."""
         require(not row.oneway, "no other direction, where the other half's plates face")
         expected = class_speeds(types_file()).get(f"highway.{row.road_class}", math.nan)
-        require(
-            abs(row.speed_mps - expected) < KMH, f"{row.speed_mps / KMH:.0f} km/h is no limit of its class"
-        )
+        require(abs(row.speed_mps - expected) < KMH, f"{row.speed_mps / KMH:.0f} km/h is no limit of its class")
         return split_edge(plain, row.fields["edge"], self._cuts(row, recipe))[0]
 
     def place(self, task: SceneTask) -> Arrangement:
@@ -133,20 +131,21 @@ class SpeedZonePlacement(ScenePlacement):
         end_s = variant.route_end(least, room)
         driven = sum(network.edges[e].length for e in way[:-1]) + end_s
         return Arrangement(
-            signs=self._signs(task, zone, last, limit), target="sign_0", start=start,
-            destination=Destination(way[-1], end_s), route_hint=(first, *way), route_length=driven,
-            drivers=_no_faster(task.drivers, limit), closed_edges=frozenset(edges),
-        )  # fmt: skip
+            signs=self._signs(task, zone, last, limit),
+            target="sign_0",
+            start=start,
+            destination=Destination(way[-1], end_s),
+            route_hint=(first, *way),
+            route_length=driven,
+            drivers=_no_faster(task.drivers, limit),
+            closed_edges=frozenset(edges),
+        )
 
-    def _signs(
-        self, task: SceneTask, zone: Sequence[str], last: str, limit: float
-    ) -> tuple[SignInstance, ...]:
+    def _signs(self, task: SceneTask, zone: Sequence[str], last: str, limit: float) -> tuple[SignInstance, ...]:
         """The plate and its end; what faces the other direction comes with the other half's plates."""
         return (
             plate_beside(task.network, self.code, zone[0], 0.0, ZoneParams((*zone, last)), value=limit),
-            plate_beside(
-                task.network, self.end_code, last, 0.0, number=1, role="end", value=limit, ends="sign_0"
-            ),
+            plate_beside(task.network, self.end_code, last, 0.0, number=1, role="end", value=limit, ends="sign_0"),
         )
 
     def _others(self, row: PoolRow, recipe: Recipe, limit: float) -> list[float]:
@@ -185,9 +184,7 @@ class ZonePlacement(SpeedZonePlacement):
     behind_zone = ("end_before_edge_m",)
     ends_in_zone = True
 
-    def _signs(
-        self, task: SceneTask, zone: Sequence[str], last: str, limit: float
-    ) -> tuple[SignInstance, ...]:
+    def _signs(self, task: SceneTask, zone: Sequence[str], last: str, limit: float) -> tuple[SignInstance, ...]:
         """The target, and beside it its end; then the end of the other zone, and beside it its begin."""
         first, network = task.row.fields["edge"] + ".0", task.network
         theirs = self._other(task, limit)

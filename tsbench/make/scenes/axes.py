@@ -59,18 +59,14 @@ class Asked:
 def asked_of(layout: SceneLayout) -> Asked:
     target = next(sign for sign in layout.signs if sign.id == layout.target)
     others = sorted((sign.code, sign.value, sign.edge) for sign in layout.signs if sign.role == DISTRACTOR)
-    return Asked(
-        (target.code, target.value), target.edge, tuple(others), layout.start.lane, layout.destination.edge
-    )
+    return Asked((target.code, target.value), target.edge, tuple(others), layout.start.lane, layout.destination.edge)
 
 
 def type_axes(specs: Sequence[ScenarioSpec], progress: Progress) -> list[TypeAxes]:
     """One entry per type and split, in alphabetical order. Reads each signed row's scene. Raises InputError."""
     loader = SceneLoader(DataSet.in_use())
     # Rows of a map one after the other: the store unpacks a map at a time.
-    signed = sorted(
-        (s for s in specs if s.half == SIGNED), key=lambda s: (s.split, s.pair_type, s.map_id, s.variant)
-    )
+    signed = sorted((s for s in specs if s.half == SIGNED), key=lambda s: (s.split, s.pair_type, s.map_id, s.variant))
     groups: dict[tuple[str, str], list[tuple[ScenarioSpec, Asked]]] = defaultdict(list)
     for number, spec in enumerate(signed):
         progress(number + 1, len(signed))

@@ -29,12 +29,7 @@ from tsbench.make.scenes.map_scenarios import MapScenarios, Prover, SiteBuilder
 from tsbench.make.scenes.recipe import Recipe, load_recipes
 from tsbench.make.scenes.split import split_pool, with_places
 from tsbench.make.seeds import seed_of
-from tsbench.scenarios.certificates import (
-    Certificate,
-    certificates_path,
-    read_certificates,
-    write_certificates,
-)
+from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates, write_certificates
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow, read_pool
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -121,10 +116,7 @@ def _scenarios_of(data: dict[str, Any]) -> MapScenarios:
 
 # What makes scenes; it imports every placement, though a type uses one. A build writes certificates.
 _MAKER = "tsbench.make.scenes.map_scenarios"
-_LEFT_OUT = (
-    "tsbench/make/placements/by_name.py",
-    "tsbench/scenarios/certificates.py: scenarios/certificates.parquet",
-)
+_LEFT_OUT = ("tsbench/make/placements/by_name.py", "tsbench/scenarios/certificates.py: scenarios/certificates.parquet")
 
 
 @cache
@@ -136,9 +128,7 @@ def _maker_fingerprint(placement: Path) -> str:
 class TypeBuilder:
     """Fills one type's quotas in one split after the other."""
 
-    def __init__(
-        self, request: BuildRequest, recipe: Recipe, pool: Workers, split_of: dict[str, str]
-    ) -> None:
+    def __init__(self, request: BuildRequest, recipe: Recipe, pool: Workers, split_of: dict[str, str]) -> None:
         self.request, self.recipe, self.pool, self.split_of = request, recipe, pool, split_of
         city = chosen_city()
         self.maps, self.withdrawn = city.maps, city.withdrawn
@@ -155,14 +145,9 @@ class TypeBuilder:
             and self.split_of[r.map_id] == split
             and r.map_id not in self.withdrawn
         ]
-        return sorted(
-            usable,
-            key=lambda r: (not r.well_tagged, seed_of("candidate", name, r.map_id), r.map_id),
-        )
+        return sorted(usable, key=lambda r: (not r.well_tagged, seed_of("candidate", name, r.map_id), r.map_id))
 
-    def fill(
-        self, rows: Sequence[PoolRow], split: str, progress: Progress
-    ) -> tuple[list[MapScenarios], TypeReport]:
+    def fill(self, rows: Sequence[PoolRow], split: str, progress: Progress) -> tuple[list[MapScenarios], TypeReport]:
         """Sites for all quotas of a split; where the pool can't fill one, the recipe's other strata take over."""
         quota = {k: v * self.maps[split] // MAPS["train"] for k, v in self.recipe.maps.items()}
         wanted = max(sum(self.recipe.maps.values()) * self.maps[split] // MAPS["train"], 1)
@@ -267,9 +252,7 @@ def build_scenarios(request: BuildRequest, progress: Progress) -> list[TypeRepor
     return reports
 
 
-def _keep(
-    request: BuildRequest, type_id: str, split: str, sites: list[MapScenarios], pool: Sequence[PoolRow]
-) -> None:
+def _keep(request: BuildRequest, type_id: str, split: str, sites: list[MapScenarios], pool: Sequence[PoolRow]) -> None:
     """Replace one type's scenes, rows and certificates in one split."""
     root, built = request.root, SceneFolder(request.workplace)
     write_store(((s.map_id, _contents(built, s)) for s in sites), store_path(split, type_id, root))

@@ -44,9 +44,7 @@ def carried(
     for recipe in recipes:
         for split, most in city.maps.items():
             there = sum(
-                row.family == recipe.type.family
-                and split_of[row.map_id] == split
-                and stratum_of(row) in recipe.maps
+                row.family == recipe.type.family and split_of[row.map_id] == split and stratum_of(row) in recipe.maps
                 for row in pool
             )
             entry = built.get((recipe.type.id, split))
@@ -86,15 +84,10 @@ def build_city(
     pool = made_pool()
     for note in harvest(osm, pool, pool.with_name("harvest.json"), workers, progress).notes:
         on_progress(note)
-    reports = build_scenarios(
-        BuildRequest(types, osm, DataSet.in_use().folder / "scenarios", workers), progress
-    )
+    reports = build_scenarios(BuildRequest(types, osm, DataSet.in_use().folder / "scenarios", workers), progress)
     if not any(DataSet.in_use().table(split) for split in DataSet.in_use().splits):
         why = dict.fromkeys(
-            c.why
-            for c in carried(
-                city, read_pool(pool), load_recipes(DataSet.in_use().catalog, types), build_report()
-            )
+            c.why for c in carried(city, read_pool(pool), load_recipes(DataSet.in_use().catalog, types), build_report())
         )
         raise InputError(
             f"{city.name}: its {len(read_pool(pool)):,} maps carry no scenario: {next(iter(why))}"

@@ -40,9 +40,15 @@ class DemandCalibration:
     """
 
     def __init__(
-        self, sim: Simulation, network: RoadNetwork, graph: LaneGraph, ask: TrafficRequest,
-        present: list[Car], target: float, rng: np.random.Generator,
-    ) -> None:  # fmt: skip
+        self,
+        sim: Simulation,
+        network: RoadNetwork,
+        graph: LaneGraph,
+        ask: TrafficRequest,
+        present: list[Car],
+        target: float,
+        rng: np.random.Generator,
+    ) -> None:
         self.sim, self.network, self.graph, self.ask, self.rng = sim, network, graph, ask, rng
         self.cars = list(present)
         self.first_new = len(present)

@@ -25,9 +25,7 @@ def _num(value: float) -> str:
     return f"{value:.3f}".rstrip("0").rstrip(".")
 
 
-def _vtype(
-    name: str, driver: Driver, color: str, vclass: str = "passenger", *, abrupt: bool = False
-) -> etree._Element:
+def _vtype(name: str, driver: Driver, color: str, vclass: str = "passenger", *, abrupt: bool = False) -> etree._Element:
     # IDM slows for a line from afar, Krauss' drivers when they must.
     model = {"carFollowModel": "Krauss", "sigma": "0"} if abrupt else {"carFollowModel": "IDM"}
     values = {
@@ -50,13 +48,7 @@ def _vehicle(
 
 
 def _entering(
-    name: str,
-    vtype: str,
-    lane_order: int,
-    place: str,
-    depart: float,
-    edges: Sequence[str],
-    speed: str = "max",
+    name: str, vtype: str, lane_order: int, place: str, depart: float, edges: Sequence[str], speed: str = "max"
 ) -> etree._Element:
     """A vehicle that comes at a time (s), by default as fast as is safe."""
     at = {"depart": _num(depart), "departLane": str(lane_order), "departPos": place, "departSpeed": speed}
@@ -121,15 +113,21 @@ def moving_vehicle(
 
 def walker_elements(
     name: str, size: tuple[float, float], speed: float, way: tuple[str, str], place: tuple[float, float], wait: float
-) -> tuple[etree._Element, etree._Element]:  # fmt: skip
+) -> tuple[etree._Element, etree._Element]:
     """A pedestrian and its type, size length and width: stands at `place` (m along, m left) of the first edge of `way`.
 
     After `wait` seconds it walks to the end of the other; in an episode when its plan says.
     """
     vtype = etree.Element(
-        "vType", id=f"{name}_type", vClass="pedestrian", length=_num(size[0]), width=_num(size[1]),
-        speedDev="0", speedFactor="1", color="0.2,0.5,1",
-    )  # fmt: skip
+        "vType",
+        id=f"{name}_type",
+        vClass="pedestrian",
+        length=_num(size[0]),
+        width=_num(size[1]),
+        speedDev="0",
+        speedFactor="1",
+        color="0.2,0.5,1",
+    )
     person = etree.Element("person", id=name, type=f"{name}_type", depart="0", departPos=_num(place[0]))
     etree.SubElement(person, "stop", edge=way[0], endPos=_num(place[0]), duration=_num(wait))
     etree.SubElement(
@@ -138,9 +136,7 @@ def walker_elements(
     return vtype, person
 
 
-def waiting_elements(
-    driver: Driver, lane: Lane, edges: Sequence[str], seconds: float
-) -> list[etree._Element]:
+def waiting_elements(driver: Driver, lane: Lane, edges: Sequence[str], seconds: float) -> list[etree._Element]:
     """A car that stands a metre before the end of a lane for a while, and then drives on when it may."""
     place = lane.length - 1.0
     vehicle = _vehicle("waiting_0", "waiting0", lane.order, place, 0.0, edges)
@@ -156,14 +152,18 @@ def obstacle_elements(obstacles: Sequence[Obstacle], network: RoadNetwork) -> li
         lane = network.lane(o.lane)
         front = (lane.line.project(o.x, o.y)[0] + o.length / 2) * lane.length / lane.line.length
         vtype = etree.Element(
-            "vType", id=f"{o.id}_type", vClass="passenger", length=_num(o.length), width=_num(o.width),
-            maxSpeed="0.1", minGap="0.5", color="orange",
-        )  # fmt: skip
+            "vType",
+            id=f"{o.id}_type",
+            vClass="passenger",
+            length=_num(o.length),
+            width=_num(o.width),
+            maxSpeed="0.1",
+            minGap="0.5",
+            color="orange",
+        )
         vehicle = _vehicle(o.id, f"{o.id}_type", lane.order, front, 0.0, (lane.edge,))
         rear = max(front - o.length, 0.0)
-        etree.SubElement(
-            vehicle, "stop", lane=lane.id, startPos=_num(rear), endPos=_num(front), duration="86400"
-        )
+        etree.SubElement(vehicle, "stop", lane=lane.id, startPos=_num(rear), endPos=_num(front), duration="86400")
         elements += [vtype, vehicle]
     return elements
 

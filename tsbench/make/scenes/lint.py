@@ -65,10 +65,7 @@ def _obedient_way(scene: Scene, graph: LaneGraph) -> tuple[str, ...] | None:
 def _lint_ways(scene: Scene, graph: LaneGraph) -> Iterator[str]:
     """Can the ways be driven? No bend may be tighter than the ego's own turning circle allows."""
     start = scene.network.lane(scene.start.lane)
-    for name, edges in (
-        ("the way of navigation", scene.route_hint),
-        ("the obedient way", scene.compliant_hint),
-    ):
+    for name, edges in (("the way of navigation", scene.route_hint), ("the obedient way", scene.compliant_hint)):
         if not edges:
             continue
         path = graph.path(edges, start.index, scene.start.s, scene.destination)
@@ -113,9 +110,7 @@ def _lint_bodies(scene: Scene) -> Iterator[str]:
     ego = start_motion(scene)
     bodies = [("ego", ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M)]
     root = read_additional(scene.additional.path, scene.additional.content)
-    sizes = {
-        t.attrib["id"]: (float(t.attrib["length"]), float(t.attrib["width"])) for t in root.iterfind("vType")
-    }
+    sizes = {t.attrib["id"]: (float(t.attrib["length"]), float(t.attrib["width"])) for t in root.iterfind("vType")}
     for v in root.iterfind("vehicle"):
         if v.get("id") == "ego" or float(v.get("depart", "0")) > 0 or v.get("departPos") == "base":
             continue

@@ -48,9 +48,7 @@ class TypeStats:
 
 
 def report_file(root: Path | None = None) -> Path:
-    return (
-        DataSet.in_use().file("scenarios/build_report.json") if root is None else root / "build_report.json"
-    )
+    return DataSet.in_use().file("scenarios/build_report.json") if root is None else root / "build_report.json"
 
 
 def build_report(root: Path | None = None) -> list[dict[str, Any]]:
@@ -96,9 +94,7 @@ def type_stats(specs: Sequence[ScenarioSpec]) -> list[TypeStats]:
                 strata=dict(sorted(Counter(stratum_of(m) for m in maps).items())),
                 tagged_share=sum(m.well_tagged for m in maps) / len(maps),
                 **{name: sum(getattr(c, name) for c in proofs) / n if n else math.nan for name in _SHARES},
-                reproduced=sum(
-                    r.scenario_id in known and known[r.scenario_id].reproduced is True for r in rows
-                )
+                reproduced=sum(r.scenario_id in known and known[r.scenario_id].reproduced is True for r in rows)
                 / len(rows),
                 gap_s=median(gaps) if gaps else math.nan,
                 seen=sum(c.differs_s is not None for c in proofs) / pairs if pairs else math.nan,

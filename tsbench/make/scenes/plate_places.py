@@ -188,11 +188,7 @@ def _mouth(here: PlateHere) -> str:
     behind = here.scene.roads.back(edge=here.plate.edge, s=here.plate.position_m)
     if not behind.junction:
         return "no junction is behind it"
-    return (
-        ""
-        if behind.distance <= most
-        else f"stands {behind.distance:.0f} m behind the junction, not at its mouth"
-    )
+    return "" if behind.distance <= most else f"stands {behind.distance:.0f} m behind the junction, not at its mouth"
 
 
 def _unentered(here: PlateHere) -> str:
@@ -227,9 +223,7 @@ def _begin(here: PlateHere) -> str:
         before = plate.position_m if name == plate.edge else math.inf
         distance += min(before, here.scene.roads.length(name))
         there = [
-            p
-            for p in here.scene.plates
-            if p.edge == name and p.code in (begin, plate.code) and p.position_m < before
+            p for p in here.scene.plates if p.edge == name and p.code in (begin, plate.code) and p.position_m < before
         ]
         if there:
             last = max(there, key=lambda p: p.position_m)
@@ -238,11 +232,7 @@ def _begin(here: PlateHere) -> str:
             if last.value != plate.value:
                 return f"the {begin} before it sets {last.value or 0:g} km/h"
             long = distance - last.position_m
-            return (
-                ""
-                if long >= here.scene.table.distances.zone_m
-                else f"the {begin} stands {long:.0f} m before it"
-            )
+            return "" if long >= here.scene.table.distances.zone_m else f"the {begin} stands {long:.0f} m before it"
     if any(p.code == begin and p.value == plate.value and here.is_before(p) for p in here.scene.plates):
         return f"its {begin} stands behind it"
     if behind.junction and here.scene.catalog.sign(begin).rule.ends_at_junction:

@@ -113,9 +113,7 @@ class PlateRoads:
     def ways_on(self, edge: str) -> tuple[str, ...]:
         """Edges behind the end of an edge, without the way back."""
         back = self._way_back(edge)
-        return tuple(
-            e for e in self.graph.successors(edge) if e != back and self.graph.turn(edge, e) != U_TURN
-        )
+        return tuple(e for e in self.graph.successors(edge) if e != back and self.graph.turn(edge, e) != U_TURN)
 
     def ways_to(self, edge: str) -> tuple[str, ...]:
         """Edges that lead into an edge, without the way back."""
@@ -131,11 +129,7 @@ class PlateRoads:
         return self._to_junction(edge, s, self.ways_to, attrgetter("source"))
 
     def _to_junction(
-        self,
-        edge: str,
-        distance: float,
-        onward: Callable[[str], tuple[str, ...]],
-        end: Callable[[Edge], str],
+        self, edge: str, distance: float, onward: Callable[[str], tuple[str, ...]], end: Callable[[Edge], str]
     ) -> WayOn:
         """Over edges that go on as one road. distance: to the first edge's end. end: the node that a way leads to."""
         edges = [edge]
@@ -170,12 +164,9 @@ class PlateRoads:
         """For each connection from an approach, the edges of other arms whose traffic has right of way over it."""
         lanes, ways = self.network.lanes, self.ways_on(approach)
         node = self.network.edges[approach].target
-        there = [
-            c for c in self.network.connections if self.network.edges[lanes[c.from_lane].edge].target == node
-        ]
+        there = [c for c in self.network.connections if self.network.edges[lanes[c.from_lane].edge].target == node]
         return tuple(
-            frozenset(lanes[o.from_lane].edge for o in there if not c.yields_to.isdisjoint(o.via))
-            - {approach}
+            frozenset(lanes[o.from_lane].edge for o in there if not c.yields_to.isdisjoint(o.via)) - {approach}
             for c in there
             if lanes[c.from_lane].edge == approach and lanes[c.to_lane].edge in ways
         )
@@ -203,9 +194,7 @@ class PlateRoads:
         pairs = self._pairs[node]
         leads = {e: self.graph.turn(approach, e) for e in out if e != pairs.get(approach)}
         # The way back over an arm leaves by the side from which an edge comes.
-        comes = {
-            e: leads[pairs[e]] if e in pairs else self._turn_back(approach, e) for e in into if e != approach
-        }
+        comes = {e: leads[pairs[e]] if e in pairs else self._turn_back(approach, e) for e in into if e != approach}
         return {side: (_of(leads, side), _of(comes, side)) for side in (LEFT, RIGHT)}
 
     def _turn_back(self, approach: str, edge: str) -> str:
@@ -228,9 +217,7 @@ class PlateRoads:
                 continue
             if self.network.edges[way[-1]].target == node:
                 turned = sum(self._bend(e) for e in way)
-                turned += sum(
-                    heading_change(self.network, a, b) for a, b in zip(way, (*way[1:], way[0]), strict=True)
-                )
+                turned += sum(heading_change(self.network, a, b) for a, b in zip(way, (*way[1:], way[0]), strict=True))
                 if abs(abs(turned) - 2.0 * math.pi) < 0.5 and (turned < 0.0) == self.network.left_hand:
                     yield way
                 continue

@@ -21,10 +21,16 @@ _Seconds = Annotated[float, Meta(ge=0, le=600)]
 _Share = Annotated[float, Meta(ge=0, le=1)]
 # What a number may be, by the end of its name: metres, m/s and so on. What has none of these ends is a count.
 _BY_END: dict[str, Any] = {
-    "_m": Annotated[float, Meta(ge=0, le=1000)], "_mps": Annotated[float, Meta(ge=0.1, le=60)], "_kmh": _Kmh,
-    "_mps2": Annotated[float, Meta(ge=0.1, le=10)], "_s": _Seconds, "_deg": Annotated[float, Meta(ge=0, le=180)],
-    "_share": _Share, "_ratio": Annotated[float, Meta(ge=0, le=10)], "": Annotated[int, Meta(ge=0, le=100)],
-}  # fmt: skip
+    "_m": Annotated[float, Meta(ge=0, le=1000)],
+    "_mps": Annotated[float, Meta(ge=0.1, le=60)],
+    "_kmh": _Kmh,
+    "_mps2": Annotated[float, Meta(ge=0.1, le=10)],
+    "_s": _Seconds,
+    "_deg": Annotated[float, Meta(ge=0, le=180)],
+    "_share": _Share,
+    "_ratio": Annotated[float, Meta(ge=0, le=10)],
+    "": Annotated[int, Meta(ge=0, le=100)],
+}
 # Names that have to stand in order where a recipe has both.
 _ORDERED = (("least", "most"), ("nearest", "farthest"))
 
@@ -44,9 +50,13 @@ class _Obstacle(TypedDict, total=False):
 
 # What lists of choices are of, where it is not text.
 _CHOICES: dict[str, Any] = {
-    "users": list[_Few], "limits_kmh": list[_Kmh], "contrast_kmh": list[_Kmh], "presets": list[_Preset],
-    "tracks_m": list[Annotated[float, Meta(ge=-10, le=10)]], "obstacles": list[_Obstacle],
-}  # fmt: skip
+    "users": list[_Few],
+    "limits_kmh": list[_Kmh],
+    "contrast_kmh": list[_Kmh],
+    "presets": list[_Preset],
+    "tracks_m": list[Annotated[float, Meta(ge=-10, le=10)]],
+    "obstacles": list[_Obstacle],
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,9 +115,7 @@ def load_recipes(catalog: Catalog, types: Iterable[str]) -> list[Recipe]:
 
 
 def _recipe(file: _File, catalog: Catalog) -> Recipe:
-    numbers = {
-        key: float(_named(f"numbers: {key}", _of_end(key), value)) for key, value in file.numbers.items()
-    }
+    numbers = {key: float(_named(f"numbers: {key}", _of_end(key), value)) for key, value in file.numbers.items()}
     for low, high in _ORDERED:
         for name, value in numbers.items():
             other = name.replace(low, high)

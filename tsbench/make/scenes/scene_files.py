@@ -12,12 +12,7 @@ from lxml import etree
 
 from tsbench.core.errors import SimulationError
 from tsbench.core.xmlfile import read_plain, sha256
-from tsbench.make.placements.placement import (
-    Arrangement,
-    ConvoySetup,
-    UnfitMapError,
-    UnluckyDrawError,
-)
+from tsbench.make.placements.placement import Arrangement, ConvoySetup, UnfitMapError, UnluckyDrawError
 from tsbench.make.scenes.demand_calibration import DemandCalibration
 from tsbench.make.scenes.elements import (
     background,
@@ -30,15 +25,7 @@ from tsbench.make.scenes.elements import (
 from tsbench.make.scenes.lint import lint_scene
 from tsbench.make.scenes.placed_plates import PlacedPlates, routed_vehicles
 from tsbench.make.scenes.plate_roads import plate_roads
-from tsbench.make.scenes.traffic import (
-    Car,
-    Sent,
-    TrafficRequest,
-    avoidable,
-    lane_km,
-    shut_roads,
-    standing_cars,
-)
+from tsbench.make.scenes.traffic import Car, Sent, TrafficRequest, avoidable, lane_km, shut_roads, standing_cars
 from tsbench.make.seeds import rng_of, seed_of
 from tsbench.roads.lane_graph import Turn
 from tsbench.roads.network import RoadNetwork
@@ -70,9 +57,7 @@ class OtherTraffic:
 class SceneFileWriter:
     """One half of a variant, with its background drivers. name: of the draw, for what it draws."""
 
-    def __init__(
-        self, sim: Simulation, roads: Roads, path: Path, a: Arrangement, name: str, catalog: Catalog
-    ) -> None:
+    def __init__(self, sim: Simulation, roads: Roads, path: Path, a: Arrangement, name: str, catalog: Catalog) -> None:
         self.sim, self.roads, self.path, self.a = sim, roads, path, a
         self.seed, self.name, self.catalog = seed_of("scenario", name), name, catalog
         self.trial = path.with_name(f"{path.name.partition('.')[0]}.trial.xml")
@@ -141,9 +126,7 @@ class SceneFileWriter:
             c.line_lane, c.ego_zone_m, seconds, c.ego_cruise_mps, c.ego_turn_mps, ids, c.after_s, c.keeps_back
         )
 
-    def _traffic(
-        self, fixed: list[etree._Element], asked: float, duration_s: float
-    ) -> tuple[list[Car], float]:
+    def _traffic(self, fixed: list[etree._Element], asked: float, duration_s: float) -> tuple[list[Car], float]:
         a, network, graph = self.a, self.roads.network, self.roads.graph
         if not asked:
             return [], 0.0
@@ -206,9 +189,14 @@ class SceneFileWriter:
         additional = SceneFile(self.path, read_plain(self.path, "scene file"))
         layout = read_layout(self.path, self.catalog, additional.content)
         scene = Scene(
-            **vars(layout), catalog=self.catalog, net=self.roads.file, additional=additional, network=network,
-            horizon=1, seed=self.seed,
-        )  # fmt: skip
+            **vars(layout),
+            catalog=self.catalog,
+            net=self.roads.file,
+            additional=additional,
+            network=network,
+            horizon=1,
+            seed=self.seed,
+        )
         for problem in lint_scene(scene, self.roads.graph):
             raise UnfitMapError(problem)
         self.sim.load_scene(scene)
@@ -244,9 +232,7 @@ def _without_commas(path: Path) -> Iterator[Path]:
         yield Path(f"/proc/self/fd/{file.fileno()}")
 
 
-def lead_time(
-    sim: Simulation, net: Path, additional: Path, network: RoadNetwork, seed: int, way_m: float
-) -> float:
+def lead_time(sim: Simulation, net: Path, additional: Path, network: RoadNetwork, seed: int, way_m: float) -> float:
     """Seconds until the convoy's lead has its front `way_m` further on, from its standing start or its entry.
 
     Raises SimulationError if it does not get there within 40 s.

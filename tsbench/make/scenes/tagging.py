@@ -51,9 +51,7 @@ def tagging(specs: Sequence[ScenarioSpec]) -> list[Tagging]:
     for spec in specs:
         used[(spec.pair_type, spec.split)].add(spec.map_id)
     found = []
-    recipes = {
-        recipe.type.id: recipe for recipe in load_recipes(data.catalog, {type_id for type_id, _ in used})
-    }
+    recipes = {recipe.type.id: recipe for recipe in load_recipes(data.catalog, {type_id for type_id, _ in used})}
     for (type_id, split), maps in sorted(used.items()):
         recipe = recipes[type_id]
         there = sum(

@@ -77,15 +77,11 @@ class Router:
         route = [edge]
         while len(route) < _MAX_EDGES:
             options = [
-                e
-                for e in self.graph.successors(route[-1])
-                if (route[-1], e) not in self.avoid and e not in route
+                e for e in self.graph.successors(route[-1]) if (route[-1], e) not in self.avoid and e not in route
             ]
             if not options:
                 break
-            weight = np.array(
-                [_STRAIGHT_ON if self.graph.turn(route[-1], e) == STRAIGHT else 1.0 for e in options]
-            )
+            weight = np.array([_STRAIGHT_ON if self.graph.turn(route[-1], e) == STRAIGHT else 1.0 for e in options])
             route.append(options[int(rng.choice(len(options), p=weight / weight.sum()))])
         return tuple(route)
 
@@ -108,9 +104,7 @@ class Sent:
     closed_edges: frozenset[str]
 
 
-def shut_roads(
-    roads: PlateRoads, shut: Sequence[tuple[str, ...]], *, ego: AbstractSet[str], sent: Sent
-) -> Sent | None:
+def shut_roads(roads: PlateRoads, shut: Sequence[tuple[str, ...]], *, ego: AbstractSet[str], sent: Sent) -> Sent | None:
     """Other traffic that leaves some more roads alone; None where one of the ego's would have no way on.
 
     shut: each road as its edges in driving order. ego: edges of its ways. A road from which only ways onto the ego's
@@ -133,9 +127,7 @@ def shut_roads(
 def driving_lanes(network: RoadNetwork, closed: AbstractSet[str] = frozenset()) -> list[Lane]:
     """Ordinary lanes for cars but those of closed edges, in the order of the network."""
     return [
-        lane
-        for lane in network.lanes
-        if not lane.internal and lane.permits("passenger") and lane.edge not in closed
+        lane for lane in network.lanes if not lane.internal and lane.permits("passenger") and lane.edge not in closed
     ]
 
 
@@ -161,9 +153,7 @@ def _clear_of_ego(lane: Lane, s: float, start: EgoStart, network: RoadNetwork) -
     return ahead < -CLEAR_BEHIND_M or ahead > max(CLEAR_AHEAD_M, CLEAR_AHEAD_S * start.speed)
 
 
-def standing_cars(
-    network: RoadNetwork, graph: LaneGraph, ask: TrafficRequest, rng: np.random.Generator
-) -> list[Car]:
+def standing_cars(network: RoadNetwork, graph: LaneGraph, ask: TrafficRequest, rng: np.random.Generator) -> list[Car]:
     """The cars that are there when the episode begins, at the asked spacing on every lane."""
     router = Router(graph, ask.avoid_turns)
     spacing = 1000.0 / ask.cars_per_lane_km
@@ -190,14 +180,8 @@ def make_car(
 ) -> Car:
     """The next car of a scene: it keeps to a way that its lane leads to, because crops are short for lane changes."""
     if not _lane_on(graph, lane, edges):
-        onward = [
-            c
-            for c in graph.network.outgoing[lane.index]
-            if graph.network.lanes[c.to_lane].permits("passenger")
-        ]
-        usable = [
-            c for c in onward if (lane.edge, graph.network.lanes[c.to_lane].edge) not in ask.avoid_turns
-        ]
+        onward = [c for c in graph.network.outgoing[lane.index] if graph.network.lanes[c.to_lane].permits("passenger")]
+        usable = [c for c in onward if (lane.edge, graph.network.lanes[c.to_lane].edge) not in ask.avoid_turns]
         if usable:
             target = graph.network.lanes[usable[int(rng.integers(len(usable)))].to_lane].edge
             edges = (lane.edge, *Router(graph, ask.avoid_turns).walk(target, rng))

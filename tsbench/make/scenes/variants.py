@@ -86,8 +86,6 @@ def variants_of(scenario_type: str, map_id: str) -> tuple[Variant, ...]:
     first, plates = int(asked.integers(VARIANTS)), asked.permutation(VARIANTS)
     distractors = asked.permutation(np.arange(VARIANTS) % len(DISTRACTORS))
     return tuple(
-        Variant(
-            k, *point, value=first + k, plate=int(plates[k]), distractors=DISTRACTORS[int(distractors[k])]
-        )
+        Variant(k, *point, value=first + k, plate=int(plates[k]), distractors=DISTRACTORS[int(distractors[k])])
         for k, point in enumerate([nominal, *drawn])
     )

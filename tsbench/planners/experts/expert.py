@@ -87,9 +87,7 @@ class Expert:
         """Start an episode; the base planner is not told what the expert may know."""
         privilege = context.privilege
         if privilege is None:
-            raise InputError(
-                "an expert needs PlannerContext.privilege: run it as a planner with privileged = True"
-            )
+            raise InputError("an expert needs PlannerContext.privilege: run it as a planner with privileged = True")
         kind = privilege.rule.name
         binds = RULE_KINDS[kind].binds(privilege.sign.params)
         self._constraint = CONSTRAINTS[kind](context, privilege) if binds else RuleConstraint()
@@ -123,6 +121,4 @@ def _control(command: Control | Trajectory, ego: EgoState) -> tuple[float, float
     if isinstance(command, Control):
         return command.acceleration, command.steering
     motion = Motion(ego.x, ego.y, ego.heading, ego.speed, ego.acceleration, ego.steering, ego.yaw_rate)
-    return track(
-        motion, np.asarray(command.times, dtype=np.float64), np.asarray(command.poses, dtype=np.float64)
-    )
+    return track(motion, np.asarray(command.times, dtype=np.float64), np.asarray(command.poses, dtype=np.float64))

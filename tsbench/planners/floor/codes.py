@@ -44,9 +44,7 @@ class Codes(Blind):
 
 def signed_odds(plates: Iterable[Plate], counted: Mapping[Plate, tuple[int, int]]) -> float:
     """Log odds that a row with these plates is a signed half: naive Bayes with add-one smoothing."""
-    return sum(
-        math.log((s + 1) / (c + 1)) for s, c in (counted.get(p, (0, 0)) for p in sorted(set(plates), key=str))
-    )
+    return sum(math.log((s + 1) / (c + 1)) for s, c in (counted.get(p, (0, 0)) for p in sorted(set(plates), key=str)))
 
 
 @cache

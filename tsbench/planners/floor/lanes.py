@@ -65,9 +65,7 @@ def oncoming_path(context: PlannerContext, seen: Observation, post: float) -> Ro
     route, offset = seen.route, _to_oncoming(context, seen, post)
     if offset is None:
         return None
-    over = shifted(
-        route.path, route.s, max(post - HALF_LENGTH_M - _BEFORE_POST_M - route.s, _SHORTEST_M), offset
-    )
+    over = shifted(route.path, route.s, max(post - HALF_LENGTH_M - _BEFORE_POST_M - route.s, _SHORTEST_M), offset)
     back = over.destination_s - _BACK_BEFORE_END_M
     return shifted(over, back, _BACK_M, -math.copysign(min(_BACK_BY_M, abs(offset)), offset))
 

@@ -102,9 +102,7 @@ class Polite(RuleConstraint):
                 s, d = crossing.line.project(x, y)
                 (x0, y0), (x1, y1) = crossing.line.points[[0, -1]].tolist()
                 outside = math.hypot(x - crossing.line.point_at(s)[0], y - crossing.line.point_at(s)[1])
-                along = (
-                    abs((x1 - x0) * math.cos(heading) + (y1 - y0) * math.sin(heading)) / crossing.line.length
-                )
+                along = abs((x1 - x0) * math.cos(heading) + (y1 - y0) * math.sin(heading)) / crossing.line.length
                 if min(outside, abs(d)) < _KERB_M and along > 0.5:
                     return True
         return False

@@ -31,10 +31,7 @@ _HELD_S, _HELD_MPS = 3.2, 0.4
 def limit_of(start: float) -> float:
     """The posted limit that a scene with this starting speed has, km/h; the lowest that there is where none fits."""
     fits = [
-        limit
-        for limit in _LIMITS_KMH
-        for excess in _EXCESS_MPS
-        if abs(start / KMH - limit - excess / KMH) < _SAME_KMH
+        limit for limit in _LIMITS_KMH for excess in _EXCESS_MPS if abs(start / KMH - limit - excess / KMH) < _SAME_KMH
     ]
     return min(fits, default=min(_LIMITS_KMH))
 

@@ -17,25 +17,10 @@ from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.paired_differences import Comparison, compare, shared_scenarios
 from tsbench.metrics.scd_records import PARTS
 from tsbench.report.analyses.analysis import ALL, Analysis, Column, Kind, Row, Table, Value
-from tsbench.report.analyses.columns import (
-    NAMES,
-    READINGS_NOTE,
-    SCD_NOTE,
-    count_columns,
-    number_columns,
-    text_columns,
-)
+from tsbench.report.analyses.columns import NAMES, READINGS_NOTE, SCD_NOTE, count_columns, number_columns, text_columns
 from tsbench.report.analyses.run_pool import RunPool, check_contract, make_pool
 from tsbench.report.tables.charts import INK, PALE
-from tsbench.report.tables.forest import (
-    ForestRow,
-    Mark,
-    colour_of,
-    difference_mark,
-    forest_panels,
-    lost_won,
-    put_title,
-)
+from tsbench.report.tables.forest import ForestRow, Mark, colour_of, difference_mark, forest_panels, lost_won, put_title
 from tsbench.run.log.read import read_run
 
 _METRICS = tuple(name for name, metric in METRICS.items() if metric.head and not metric.about_rule)
@@ -51,9 +36,7 @@ def ablation(paths: Sequence[Path], allow_partial: bool) -> Analysis:
     kinds = {masked: [run for run in runs if run.perception.masked == masked] for masked in (False, True)}
     if not kinds[False] or not kinds[True]:
         lacking = "with" if kinds[False] else "without"
-        raise InputError(
-            f"the ablation needs runs with and without --mask-signs: none {lacking} it was given"
-        )
+        raise InputError(f"the ablation needs runs with and without --mask-signs: none {lacking} it was given")
     check_contract(kinds[False][0], kinds[True][0])
     plain, masked = (make_pool(kinds[side], allow_partial) for side in (False, True))
     common = [name for name in plain.planners if name in masked.planners]
@@ -93,9 +76,7 @@ def _analysis(plain: RunPool, masked: RunPool, found: Mapping[str, Comparison]) 
     told = "–".join(str(n) for n in dict.fromkeys((scenarios[0], scenarios[-1])))
     missing = sum(sum(pool.holes.values()) for pool in (plain, masked))
     title = f"PARTIAL, {missing} episodes missing: " if missing else ""
-    title += (
-        f"Sign-channel ablation: {told} paired episodes for each of {len(found)} planners, {masked.selection}"
-    )
+    title += f"Sign-channel ablation: {told} paired episodes for each of {len(found)} planners, {masked.selection}"
     alone = [name for name in (*plain.planners, *masked.planners) if name not in found]
     notes = (
         f"{SCD_NOTE}; other metrics are means over episodes. Masked: plates are seen without code and value",

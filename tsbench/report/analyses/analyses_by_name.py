@@ -24,10 +24,7 @@ OF_POOL: Mapping[str, Callable[[RunPool], Analysis]] = {
     "correlations": _later("correlations", "correlations"),
     "floor": floor,
 }
-_OF_RUNS = {
-    "ablation": _later("ablation", "ablation"),
-    "perception": _later("perception_levels", "perception"),
-}
+_OF_RUNS = {"ablation": _later("ablation", "ablation"), "perception": _later("perception_levels", "perception")}
 
 
 def analyse_runs(name: str, paths: Sequence[Path], allow_partial: bool) -> Analysis:

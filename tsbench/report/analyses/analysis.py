@@ -60,9 +60,7 @@ class Value:
 
     @classmethod
     def difference(cls, figure: Difference) -> Value:
-        return cls(
-            figure.value, figure.low, figure.high, figure.n, figure.reason, "*" if figure.significant else ""
-        )
+        return cls(figure.value, figure.low, figure.high, figure.n, figure.reason, "*" if figure.significant else "")
 
 
 Cell = str | int | float | Value | None
@@ -235,9 +233,7 @@ def to_markdown(analysis: Analysis) -> str:
     lines.append("|" + "|".join("---" if column.kind is Kind.TEXT else "---:" for column in columns) + "|")
     for row in analysis.table.rows:
         lines.append(
-            markdown_row(
-                _cell(lines_of(column, cell)) for column, cell in zip(columns, row.cells, strict=True)
-            )
+            markdown_row(_cell(lines_of(column, cell)) for column, cell in zip(columns, row.cells, strict=True))
         )
     notes = [_escape(note) for note in analysis.notes if note]
     if analysis.contract:
@@ -259,14 +255,7 @@ def _escape(text: str) -> str:
     return "".join(f"\\{letter}" if letter in "\\`*_<>[]" else letter for letter in text)
 
 
-_COMMANDS = {
-    "\\": "backslash",
-    "~": "asciitilde",
-    "^": "asciicircum",
-    "<": "less",
-    ">": "greater",
-    "|": "bar",
-}
+_COMMANDS = {"\\": "backslash", "~": "asciitilde", "^": "asciicircum", "<": "less", ">": "greater", "|": "bar"}
 _SPECIAL = {
     **{mark: rf"\text{name}{{}}" for mark, name in _COMMANDS.items()},
     **{mark: f"\\{mark}" for mark in "{}$&#%_"},
@@ -351,9 +340,7 @@ def to_csv(analysis: Analysis) -> str:
     columns, scored = analysis.table.columns, bool(analysis.contract)
     lines = [[*(head for column in columns for head in _csv_heads(column)), "title", *["contract"] * scored]]
     for row in analysis.table.rows:
-        cells = [
-            part for column, cell in zip(columns, row.cells, strict=True) for part in _csv_parts(column, cell)
-        ]
+        cells = [part for column, cell in zip(columns, row.cells, strict=True) for part in _csv_parts(column, cell)]
         lines.append([*cells, analysis.title, *[analysis.contract] * scored])
     return csv_text(lines)
 

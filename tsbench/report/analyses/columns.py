@@ -30,12 +30,8 @@ SCD_NOTE = (
     "SCD: sign-compliant and arrived, %, macro mean over types. Paired: pairs of which both halves are; signed, "
     "contrast: the halves each by itself, by the pair's type; signed SCD is also over what has no pair"
 )
-READINGS_NOTE = (
-    "strict: error outcomes count as failures; completed: without an error outcome (in either half)"
-)
-INTERVAL_NOTE = (
-    "95 % interval (shares: effective sample size over places; other means: cluster bootstrap over places)"
-)
+READINGS_NOTE = "strict: error outcomes count as failures; completed: without an error outcome (in either half)"
+INTERVAL_NOTE = "95 % interval (shares: effective sample size over places; other means: cluster bootstrap over places)"
 
 
 def readings(p: PlannerSummary) -> tuple[str, ...]:
@@ -81,9 +77,7 @@ def with_rings(places: str, kind: str, placed: bool) -> str:
 
 def text_columns(*names: str, **heads: str) -> tuple[Column, ...]:
     """Columns with their own names as heads, then those with other heads by name."""
-    return tuple(
-        Column(name, head, Kind.TEXT) for name, head in (*zip(names, names, strict=True), *heads.items())
-    )
+    return tuple(Column(name, head, Kind.TEXT) for name, head in (*zip(names, names, strict=True), *heads.items()))
 
 
 def count_columns(*names: str, **heads: str) -> tuple[Column, ...]:
@@ -127,9 +121,7 @@ def published() -> Mapping[str, Mapping[str, float]]:
     """By planner, in the order of the table: every published figure (%) by its column."""
     text = files("tsbench.report.analyses").joinpath("published_results.csv").read_text(encoding="utf-8")
     rows = csv.DictReader(text.splitlines())
-    return {
-        row["planner"]: {key: float(cell) for key, cell in row.items() if key != "planner"} for row in rows
-    }
+    return {row["planner"]: {key: float(cell) for key, cell in row.items() if key != "planner"} for row in rows}
 
 
 def is_of_study(contract: str) -> bool:

@@ -95,10 +95,7 @@ def correlations(pool: RunPool) -> Analysis:
         for k, metric in enumerate(_METRICS):
             for reading in (STRICT, COMPLETED) if differ else (STRICT,):
                 first = reading == STRICT
-                values = (
-                    _ours(pool, panel, panel, metric, reading),
-                    _ours(pool, panel, ALL, metric, reading),
-                )
+                values = (_ours(pool, panel, panel, metric, reading), _ours(pool, panel, ALL, metric, reading))
                 cells = [part for value in values for part in (value, value.n)]
                 cells += _of_the_nine(pool, panel, metric) if first else (None, None)
                 rows.append(Row((panel, metric, reading, *cells), starts=first and not k, faint=not first))

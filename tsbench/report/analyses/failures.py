@@ -57,9 +57,7 @@ def causes_of(pool: RunPool, planner: str) -> list[str] | None:
         try:
             causes.append(cause_of_failure(read_trace(path), run.data.catalog))
         except InputError as problem:
-            raise InputError(
-                f"{problem}: traces say what was told (tsbench run --trace violations)"
-            ) from None
+            raise InputError(f"{problem}: traces say what was told (tsbench run --trace violations)") from None
     return causes
 
 
@@ -74,9 +72,7 @@ def cause_of_failure(trace: Trace, catalog: Catalog) -> str:
         return MISSED
     first = right[0]
     begun = min((event.start_s for event in trace.events), default=float("inf"))
-    if begun <= trace.snapshots[first.step].time or first.speed**2 > 2.0 * _LATE_MPS2 * max(
-        first.ahead_m, 0.0
-    ):
+    if begun <= trace.snapshots[first.step].time or first.speed**2 > 2.0 * _LATE_MPS2 * max(first.ahead_m, 0.0):
         return LATE
     return FALSE_PLATE if any(told.kind == FALSE for told in trace.told) else ""
 
@@ -127,10 +123,7 @@ def failures(pool: RunPool) -> Analysis:
         "The first five are all there is; collision, off road and timeout say what ended those that did not arrive",
         "complied: no violation of the target sign's rule, never the wrong way, and in a contrast half no needless "
         f"obedience, up to the end of the episode. {READINGS_NOTE}",
-        *(
-            ["needless …: episodes of contrast halves with such an event, whatever else was in them"]
-            * contrasted
-        ),
+        *(["needless …: episodes of contrast halves with such an event, whatever else was in them"] * contrasted),
         *(CAUSE_NOTES if eyes else ()),
     )
     title = pool.title("Failure split")
@@ -157,9 +150,7 @@ def _splits(pool: RunPool, planner: str) -> Iterator[tuple[Key, Split]]:
             if half == CONTRAST:
                 classes |= _needless(pool, planner, records)
             elif causes:
-                classes |= {
-                    f"told_{c}": np.array([causes.get(s) == c for s in records.scenarios]) for c in CAUSES
-                }
+                classes |= {f"told_{c}": np.array([causes.get(s) == c for s in records.scenarios]) for c in CAUSES}
             for reading, inside in ((STRICT, use), (COMPLETED, use & ~records.error)):
                 if reading == STRICT or (records.error & use).any():
                     split = _split(bootstrap, panel_label(panel), records, inside, classes)
@@ -193,9 +184,7 @@ def _needless(pool: RunPool, planner: str, records: Records) -> dict[str, Mask]:
     return {clause: np.array([clause in found for found in broken]) for clause in NEEDLESS.clauses.split()}
 
 
-def _split(
-    bootstrap: ClusterBootstrap, label: str, records: Records, use: Mask, classes: Mapping[str, Mask]
-) -> Split:
+def _split(bootstrap: ClusterBootstrap, label: str, records: Records, use: Mask, classes: Mapping[str, Mask]) -> Split:
     def share(inside: Mask) -> Estimate:
         passes = inside[use].astype(np.float64)
         total, count = sums_by_cluster(passes, records.place[use], records.kind[use], len(records.kinds))
@@ -208,9 +197,7 @@ def _draw(pool: RunPool, splits: Mapping[Key, Split], title: str, stacked: bool 
     names = present_panels(pool.summaries)
     halves = list(dict.fromkeys(half for _, _, half, _ in splits))
     bars = [(planner, half) for planner in pool.planners for half in halves]
-    words = [
-        f"{pool.label(planner)}, {half}" if len(halves) > 1 else pool.label(planner) for planner, half in bars
-    ]
+    words = [f"{pool.label(planner)}, {half}" if len(halves) > 1 else pool.label(planner) for planner, half in bars]
     rows = range(len(bars))
     figure, panels = make_panels(names, len(rows), stacked)
     for k, name in enumerate(names):
@@ -220,9 +207,7 @@ def _draw(pool: RunPool, splits: Mapping[Key, Split], title: str, stacked: bool 
         for key, (head, colour, hatch) in _CLASSES.items():
             shares = np.array([(split.shares[key].value or 0.0) if split else 0.0 for split in there])
             label = None if k else head.replace("\n", " ")
-            axes.barh(
-                rows, shares, 0.78, left, color=colour, hatch=hatch, edgecolor="white", lw=0.4, label=label
-            )
+            axes.barh(rows, shares, 0.78, left, color=colour, hatch=hatch, edgecolor="white", lw=0.4, label=label)
             left += shares
         axes.set(xlim=(0.0, 100.0), ylim=(len(rows) - 0.4, -0.6))
         axes.set_title(name, fontsize=9, fontweight="bold", color=colour_of(name))

@@ -57,9 +57,7 @@ def per_type(planners: Sequence[PlannerSummary], title: str, contract: str) -> A
             for reading in (STRICT, COMPLETED) if differ else (STRICT,):
                 starts, last = block != last, block
                 cells = _cells(planners, figures, kind, reading)
-                rows.append(
-                    Row((group, kind, NAMES[part], reading, *cells), starts=starts, faint=reading != STRICT)
-                )
+                rows.append(Row((group, kind, NAMES[part], reading, *cells), starts=starts, faint=reading != STRICT))
     columns = [*text_columns("group", "type", "score", "figure")]
     for p in planners:
         columns += [Column(p.planner, f"{p.label}\n%"), Column(f"{p.planner}_count", "n", Kind.COUNT)]
@@ -77,10 +75,7 @@ def _figure(p: PlannerSummary, part: str, kind: str) -> StrictAndCompleted[Estim
 
 
 def _cells(
-    planners: Sequence[PlannerSummary],
-    figures: Sequence[StrictAndCompleted[Estimate] | None],
-    kind: str,
-    reading: str,
+    planners: Sequence[PlannerSummary], figures: Sequence[StrictAndCompleted[Estimate] | None], kind: str, reading: str
 ) -> list[Cell]:
     """Each planner's figure with its n, and how many places they rest on (of partial runs from least to most)."""
     estimates = [pick(figure, reading) for figure in figures]
@@ -98,9 +93,7 @@ def _draw(planners: Sequence[PlannerSummary], title: str, contract: str) -> Figu
 
     primary = present_parts(planners)[0]
     kinds = present_types(planners, primary)
-    figure = Figure(
-        figsize=(3.6 + 0.62 * max(len(planners), 6), 1.9 + 0.27 * len(kinds)), layout="constrained"
-    )
+    figure = Figure(figsize=(3.6 + 0.62 * max(len(planners), 6), 1.9 + 0.27 * len(kinds)), layout="constrained")
     axes = figure.subplots()
     found = {
         (y, x): e.value
@@ -114,9 +107,7 @@ def _draw(planners: Sequence[PlannerSummary], title: str, contract: str) -> Figu
         colour = "black" if value > _HALF else "white"
         axes.text(x, y, f"{value:.0f}", ha="center", va="center", fontsize=7, color=colour)
     axes.set_xticks(range(len(planners)), [p.label for p in planners], rotation=45, ha="right")
-    counts = [
-        sorted({e.n for p in planners if (e := pick(_figure(p, primary, kind), STRICT))}) for kind, _ in kinds
-    ]
+    counts = [sorted({e.n for p in planners if (e := pick(_figure(p, primary, kind), STRICT))}) for kind, _ in kinds]
     axes.set_yticks(range(len(kinds)), [f"{kind} ({group})" for kind, group in kinds])
     for label in (*axes.get_xticklabels(), *axes.get_yticklabels()):
         label.set(fontsize=8, parse_math=False)

@@ -15,13 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Row, Table
-from tsbench.report.analyses.columns import (
-    count_columns,
-    in_published_order,
-    number_columns,
-    published,
-    text_columns,
-)
+from tsbench.report.analyses.columns import count_columns, in_published_order, number_columns, published, text_columns
 from tsbench.report.tables.charts import INK
 from tsbench.report.tables.forest import put_counts
 from tsbench.signs.model import GROUPS
@@ -118,9 +112,7 @@ def _colours(planners: Sequence[str]) -> dict[str, str]:
     return {name: next(blues if name.startswith("idm") else others) for name in known}
 
 
-def _draw(
-    drives: Sequence[RankedDrive], scenarios: Mapping[str, int], planners: Sequence[str], title: str
-) -> Figure:
+def _draw(drives: Sequence[RankedDrive], scenarios: Mapping[str, int], planners: Sequence[str], title: str) -> Figure:
     groups, colours = _groups(scenarios), _colours(planners)
     own = {group: [d for d in drives if group in (ALL, d.group)] for group in groups}
     figure = Figure(figsize=(9.0, 1.6 + 0.5 * len(groups)), layout="constrained")
@@ -129,9 +121,7 @@ def _draw(
     for name in planners:
         counts = [sum(d.planner == name for d in own[group]) for group in groups]
         shares = np.array([100.0 * n / max(len(own[g]), 1) for n, g in zip(counts, groups, strict=True)])
-        axes.barh(
-            range(len(groups)), shares, 0.74, left, color=colours[name], edgecolor="white", lw=0.6, label=name
-        )
+        axes.barh(range(len(groups)), shares, 0.74, left, color=colours[name], edgecolor="white", lw=0.6, label=name)
         ink = "white" if colours[name] in _DARK else INK
         for k, share in enumerate(shares):
             if share >= _WRITTEN:
@@ -140,9 +130,7 @@ def _draw(
         left += shares
     axes.set(xlim=(0.0, 100.0), ylim=(len(groups) - 0.5, -0.5))
     axes.set_yticks(range(len(groups)), groups, fontsize=9)
-    axes.set_xlabel(
-        "share of the group's drives, %; right: drives, per scenario, scenarios with one", fontsize=8
-    )
+    axes.set_xlabel("share of the group's drives, %; right: drives, per scenario, scenarios with one", fontsize=8)
     axes.tick_params(axis="x", labelsize=8)
     axes.spines[["top", "right", "left"]].set_visible(False)
     put_counts(axes, [_told(own[group], _size(scenarios, group)) for group in groups], size=8)

@@ -52,9 +52,7 @@ def refresh(page: Path, folder: Path) -> list[Path]:
     if not blocks and not _FIGURE.search(text):
         raise InputError(f"{page}: no page that asks for analyses (<!-- analysis NAME --> … <!-- end -->)")
     if len(blocks) != len(_OPENED.findall(text)):
-        raise InputError(
-            f"{page}: an <!-- analysis … --> has no <!-- end -->, or options that cannot be read"
-        )
+        raise InputError(f"{page}: an <!-- analysis … --> has no <!-- end -->, or options that cannot be read")
 
     tables: dict[Path, str] = {}
 
@@ -94,9 +92,7 @@ def _told(page: Path, path: Path) -> str:
     if path.stem == "metrics":
         return _metrics()
     if not path.is_file():
-        raise InputError(
-            f"{page}: asks for {path}, which is not there (tsbench analyse {path.stem} makes it)"
-        )
+        raise InputError(f"{page}: asks for {path}, which is not there (tsbench analyse {path.stem} makes it)")
     return path.read_text(encoding="utf-8")
 
 
@@ -145,9 +141,7 @@ def _csv(table: str) -> str:
     for head, *column in zip(*plain, strict=True):
         parts = [_VALUE.fullmatch(cell) for cell in column]
         if any(parts):
-            split = [
-                part.groups() if part else (cell, "", "") for cell, part in zip(column, parts, strict=True)
-            ]
+            split = [part.groups() if part else (cell, "", "") for cell, part in zip(column, parts, strict=True)]
             columns += [list(c) for c in zip((head, f"{head}_low", f"{head}_high"), *split, strict=True)]
         else:
             columns.append([head, *column])

@@ -14,15 +14,7 @@ from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import STRICT
 from tsbench.metrics.scd_records import PARTS
 from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Column, Row, Table, Value
-from tsbench.report.analyses.columns import (
-    INTERVAL_NOTE,
-    NAMES,
-    SCD_NOTE,
-    count_columns,
-    panels_of,
-    pick,
-    text_columns,
-)
+from tsbench.report.analyses.columns import INTERVAL_NOTE, NAMES, SCD_NOTE, count_columns, panels_of, pick, text_columns
 from tsbench.report.analyses.failures import CAUSE_NOTES, CAUSES, causes_of
 from tsbench.report.analyses.run_pool import RunPool, check_contract, make_pool
 from tsbench.report.tables.compare_runs import SELECTION, differing
@@ -43,12 +35,9 @@ def perception(paths: Sequence[Path], allow_partial: bool) -> Analysis:
     for run in runs[1:]:
         check_contract(runs[0], run)
         if differing(runs[0], run, SELECTION):
-            raise InputError(
-                f"{runs[0].path} and {run.path} have different scenarios: give runs of one selection"
-            )
+            raise InputError(f"{runs[0].path} and {run.path} have different scenarios: give runs of one selection")
     pools = {
-        level: make_pool(list(some), allow_partial)
-        for level, some in groupby(runs, lambda run: run.perception.name)
+        level: make_pool(list(some), allow_partial) for level, some in groupby(runs, lambda run: run.perception.name)
     }
     if len(pools) < 2:
         raise InputError(f"all runs are of level {next(iter(pools))}: tsbench run --perception makes others")
@@ -111,14 +100,10 @@ def _draw(pools: dict[str, RunPool], names: Sequence[str], title: str) -> Figure
             figure_ = None if summary is None else pick(panels_of(summary, part).get(ALL), STRICT)
             if figure_ is not None and figure_.value is not None:
                 # Side by side, so that no interval hides another.
-                points.append(
-                    (at + 0.06 * (k - (len(names) - 1) / 2), figure_.value, figure_.low, figure_.high)
-                )
+                points.append((at + 0.06 * (k - (len(names) - 1) / 2), figure_.value, figure_.low, figure_.high))
         colour = _COLOURS[k % len(_COLOURS)]
         label = next(iter(pools.values())).label(name)
-        axes.plot(
-            [p[0] for p in points], [p[1] for p in points], "o-", color=colour, label=label, ms=4, lw=1.2
-        )
+        axes.plot([p[0] for p in points], [p[1] for p in points], "o-", color=colour, label=label, ms=4, lw=1.2)
         for x, _, low, high in points:
             if low is not None and high is not None:
                 axes.plot([x, x], [low, high], color=colour, lw=1.0, alpha=0.7)

@@ -144,9 +144,7 @@ def make_pool(runs: Sequence[StoredRun], allow_partial: bool) -> RunPool:
         _check_selection(first, run)
         for name in run.asked:
             if name in home:
-                raise InputError(
-                    f"planner {name} is in {home[name].path} and in {run.path}: give it once only"
-                )
+                raise InputError(f"planner {name} is in {home[name].path} and in {run.path}: give it once only")
             home[name] = run
     holes = {name: k for name, run in home.items() if (k := run.holes(name))}
     name_holes(holes, {name: run.asked[name] for name, run in home.items()}, allow_partial)
@@ -182,12 +180,7 @@ def _check_selection(a: StoredRun, b: StoredRun) -> None:
 
 
 # Which halves of a pair were passed, by whether the signed and the contrast half was.
-PASSES = {
-    (True, True): "both",
-    (True, False): "only signed",
-    (False, True): "only contrast",
-    (False, False): "none",
-}
+PASSES = {(True, True): "both", (True, False): "only signed", (False, True): "only contrast", (False, False): "none"}
 Key = tuple[str, str]
 Row = Mapping[str, Any]
 
@@ -220,8 +213,7 @@ def index_episodes(pool: RunPool) -> EpisodeIndex:
     rows.sort(key=lambda row: (place[row["planner"]], row["scenario_id"]))
     stories = {key: story for run in pool.runs for key, story in run.stories.items()}
     expected = {
-        trace_path(pool.home[row["planner"]].path, row["planner"], row["scenario_id"]): k
-        for k, row in enumerate(rows)
+        trace_path(pool.home[row["planner"]].path, row["planner"], row["scenario_id"]): k for k, row in enumerate(rows)
     }
     there: dict[int, Path] = {}
     notes = []
@@ -233,9 +225,7 @@ def index_episodes(pool: RunPool) -> EpisodeIndex:
             names = ", ".join(str(path.relative_to(run.path)) for path in strays[:3])
             more = "" if len(strays) <= 3 else f" and {len(strays) - 3} more"
             notes.append(f"{run.path}: {len(strays)} traces without their episode, not shown: {names}{more}")
-    return EpisodeIndex(
-        pool.runs[0].data, rows, stories, dict(sorted(there.items())), tuple(notes), *_pairs(rows)
-    )
+    return EpisodeIndex(pool.runs[0].data, rows, stories, dict(sorted(there.items())), tuple(notes), *_pairs(rows))
 
 
 def _pairs(rows: Sequence[Row]) -> tuple[dict[int, int], dict[int, str]]:

@@ -68,9 +68,7 @@ def _draw(pool: RunPool, title: str, stacked: bool = False) -> Figure:
     for name in present_panels(pool.summaries):
         panels[name] = [_row(p, primary, name, colour_of(name), pool.contract) for p in pool.summaries]
     key = {f"{NAMES[primary]}, strict, with its 95 % interval": Mark(0.0, 0.0, 0.0, INK)}
-    if any(
-        m.value is not None and m.low is None for rows in panels.values() for r in rows for m in r.marks[1:]
-    ):
+    if any(m.value is not None and m.low is None for rows in panels.values() for r in rows for m in r.marks[1:]):
         key[f"no interval: fewer than {MIN_CLUSTERS} places"] = Mark(0.0, None, None, INK, filled=False)
     if any(row.marks[0].value is not None for rows in panels.values() for row in rows):
         key["published"] = published_mark(0.0)

@@ -46,8 +46,7 @@ def calibration(fits: Sequence[Fit], split: str | None) -> Analysis:
         *text_columns(goal=f"at most\n{GOAL:.2f}"),
     )
     rows = tuple(
-        Row((fit.quantiles.name, fit.quantiles.unit, len(fit.sample), fit.distance, _JUDGED[fit.good]))
-        for fit in fits
+        Row((fit.quantiles.name, fit.quantiles.unit, len(fit.sample), fit.distance, _JUDGED[fit.good])) for fit in fits
     )
     whose = f"{split} split" if split else "all splits"
     title = f"Calibration of traffic: scenarios ({whose}) against nuPlan"

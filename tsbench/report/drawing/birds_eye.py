@@ -199,26 +199,16 @@ class BirdsEye:
                 if place is not None:
                     stamp(view, *place, name)
 
-    def _free_place(
-        self, view: Image, camera: Camera, body: Body, width: int, height: int
-    ) -> tuple[int, int] | None:
+    def _free_place(self, view: Image, camera: Camera, body: Body, width: int, height: int) -> tuple[int, int] | None:
         """Beside a body, within the view and off the plates; None where there is no such place."""
         x, y = np.rint(camera.px([(body.x, body.y)])[0]).astype(int).tolist()
         corner = self._ground_camera.px([(camera.left, camera.top)])[0]
         at = np.array(self._plates).reshape(-1, 2) - corner
         reach = plate_px(camera) / 2 + 4
-        for left, top in (
-            (x + 14, y - 34),
-            (x - 14 - width, y - 34),
-            (x + 14, y + 16),
-            (x - 14 - width, y + 16),
-        ):
+        for left, top in ((x + 14, y - 34), (x - 14 - width, y - 34), (x + 14, y + 16), (x - 14 - width, y + 16)):
             inside = 0 <= left <= view.shape[1] - width and 0 <= top <= view.shape[0] - height
             middle = np.array((left + width / 2, top + height / 2))
-            if (
-                inside
-                and not (np.abs(at - middle) < (reach + width / 2, reach + height / 2)).all(axis=1).any()
-            ):
+            if inside and not (np.abs(at - middle) < (reach + width / 2, reach + height / 2)).all(axis=1).any():
                 return left, top
         return None
 

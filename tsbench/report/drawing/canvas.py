@@ -126,14 +126,10 @@ class Camera:
         return max(round(metres * self.scale), 1)
 
     def window(self, left_px: int, top_px: int, width: int, height: int) -> Camera:
-        return Camera(
-            self.left + left_px / self.scale, self.top - top_px / self.scale, self.scale, width, height
-        )
+        return Camera(self.left + left_px / self.scale, self.top - top_px / self.scale, self.scale, width, height)
 
 
-def camera_over(
-    points: Array, width: int, height: int, margin_m: float, scale: tuple[float, float]
-) -> Camera:
+def camera_over(points: Array, width: int, height: int, margin_m: float, scale: tuple[float, float]) -> Camera:
     """A camera of a given size that shows all points (n, 2), with a scale within bounds, centred on them."""
     low, high = points.min(axis=0) - margin_m, points.max(axis=0) + margin_m
     fit = min(width / max(high[0] - low[0], 1e-6), height / max(high[1] - low[1], 1e-6))

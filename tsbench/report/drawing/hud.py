@@ -9,17 +9,7 @@ import cv2
 import numpy as np
 
 from tsbench.report.drawing.canvas import ATTRIBUTION, STYLE, VIOLATION_SHADE, Image, PageSize
-from tsbench.report.drawing.lettering import (
-    fitted,
-    label,
-    line_height,
-    paste,
-    stamp,
-    text_width,
-    tile,
-    wrap,
-    write,
-)
+from tsbench.report.drawing.lettering import fitted, label, line_height, paste, stamp, text_width, tile, wrap, write
 from tsbench.report.wording import readable, unit_words
 from tsbench.rules.monitor import Violation
 from tsbench.signs.annotations import SignInstance
@@ -68,12 +58,7 @@ class FrameInfo:
 
 
 def header(
-    size: PageSize,
-    title: str,
-    subtitle: str,
-    sign: SignInstance,
-    spare_px: int = 0,
-    country: Country | None = None,
+    size: PageSize, title: str, subtitle: str, sign: SignInstance, spare_px: int = 0, country: Country | None = None
 ) -> Image:
     """A picture's head: plate (a country's), title and what is below it. spare_px: kept free at the right."""
     height, pad = size.header_px, _PAD_PX
@@ -95,9 +80,15 @@ class Hud:
     """Header and footer of pages of one episode; the parts that never change are drawn once."""
 
     def __init__(
-        self, size: PageSize, title: str, subtitle: str, sign: SignInstance, events: list[float],
-        kinds: Collection[str] = (), country: Country | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        size: PageSize,
+        title: str,
+        subtitle: str,
+        sign: SignInstance,
+        events: list[float],
+        kinds: Collection[str] = (),
+        country: Country | None = None,
+    ) -> None:
         """events: moments of violations as shares (0-1) of the episode. kinds: of bodies to be seen (`Body.kind`)."""
         self._size, self._width = size, size.width
         self._legend = [(name, text) for name, text in LEGEND.items() if name in _ALWAYS or name in kinds]
@@ -135,9 +126,7 @@ class Hud:
     def _draw_footer(self, moment: FrameInfo) -> Image:
         image = np.empty((self._size.footer_px, self._width, 3), dtype=np.uint8)
         event = moment.event
-        image[:] = (
-            STYLE.panel if event is None else tuple(round(VIOLATION_SHADE * c) for c in STYLE.violation)
-        )
+        image[:] = STYLE.panel if event is None else tuple(round(VIOLATION_SHADE * c) for c in STYLE.violation)
         image[:_BAR_PX] = (60, 66, 74)
         right, word = self._width - _PAD_PX, moment.outcome.replace("_", " ")
         if self._size.compact:
@@ -152,15 +141,7 @@ class Hud:
             return image
         figure = figures(event)
         width = max(text_width(figure, 15, True), text_width(moment.near, 12))
-        write(
-            image,
-            right - text_width(figure, 15, True),
-            12 if moment.near else 20,
-            figure,
-            15,
-            STYLE.ink,
-            bold=True,
-        )
+        write(image, right - text_width(figure, 15, True), 12 if moment.near else 20, figure, 15, STYLE.ink, bold=True)
         write(image, right - text_width(moment.near, 12), 33, moment.near, 12, STYLE.ink)
         self._draw_sentence(image, event, right - width - 3 * _PAD_PX, image.shape[0], _SENTENCE)
         return image

@@ -30,10 +30,7 @@ def main_road_svg(key: str) -> str:
 
 def _way(angles: Sequence[int], width: int) -> str:
     """A road through the middle (two angles), or to it (one)."""
-    ends = [
-        (100 - _REACH_PX * math.sin(math.radians(a)), 100 - _REACH_PX * math.cos(math.radians(a)))
-        for a in angles
-    ]
+    ends = [(100 - _REACH_PX * math.sin(math.radians(a)), 100 - _REACH_PX * math.cos(math.radians(a))) for a in angles]
     points = [ends[0], (100.0, 100.0), *ends[1:]]
     return f'<polyline stroke-width="{width}" points="{" ".join(f"{x:.1f},{y:.1f}" for x, y in points)}"/>'
 

@@ -45,9 +45,7 @@ def paint(image: Image, camera: Camera, shapes: Iterable[Shape]) -> list[tuple[f
                 _body(image, camera, shape, next(outlines))
             case Line():
                 points, colour = camera.fixed(shape.points), getattr(STYLE, shape.colour)
-                cv2.polylines(
-                    image, [points], False, colour, camera.thickness(shape.width), cv2.LINE_AA, SHIFT
-                )
+                cv2.polylines(image, [points], False, colour, camera.thickness(shape.width), cv2.LINE_AA, SHIFT)
             case Area():
                 _area(image, camera, shape)
             case DrawnPlate():
@@ -109,9 +107,7 @@ def _lights(image: Image, camera: Camera, body: Body) -> None:
     radius, u, v = max(_LAMP_M, _LAMP_PX / camera.scale), 0.46 * body.length, 0.4 * body.width
     for at in _in_world(body, np.array([(-u, v), (-u, -v)])) if body.brakes else ():
         _spot(image, camera, at, radius, STYLE.brake)
-    for at in (
-        _in_world(body, np.array([(u, v * body.signals), (-u, v * body.signals)])) if body.signals else ()
-    ):
+    for at in _in_world(body, np.array([(u, v * body.signals), (-u, v * body.signals)])) if body.signals else ():
         _spot(image, camera, at, radius, STYLE.lamp)
 
 
@@ -133,18 +129,14 @@ def _person(image: Image, camera: Camera, body: Body, colour: Colour) -> None:
 def _bicycle(image: Image, camera: Camera, body: Body, colour: Colour) -> None:
     """Two wheels in a line, a handlebar, and who rides."""
     half, bar = 0.5 * body.length, max(0.3, _LAMP_PX / camera.scale)
-    frame = camera.fixed(
-        _in_world(body, np.array([(-half, 0.0), (half, 0.0), (0.5 * half, bar), (0.5 * half, -bar)]))
-    )
+    frame = camera.fixed(_in_world(body, np.array([(-half, 0.0), (half, 0.0), (0.5 * half, bar), (0.5 * half, -bar)])))
     for first, last in ((0, 1), (2, 3)):
         ends = (frame[first].tolist(), frame[last].tolist())
         cv2.line(image, *ends, STYLE.outline, camera.thickness(0.16), cv2.LINE_AA, SHIFT)
     _disc(image, camera, (body.x, body.y), max(_DISC_M, 0.8 * _PERSON_PX / camera.scale), colour)
 
 
-def _disc(
-    image: Image, camera: Camera, at: Array | tuple[float, float], radius: float, colour: Colour
-) -> None:
+def _disc(image: Image, camera: Camera, at: Array | tuple[float, float], radius: float, colour: Colour) -> None:
     """A round thing with an outline; radius in m."""
     centre, size = camera.fixed(at)[0].tolist(), round(radius * camera.scale * (1 << SHIFT))
     cv2.circle(image, centre, size, colour, -1, cv2.LINE_AA, SHIFT)

@@ -118,9 +118,7 @@ def mark_shapes(network: RoadNetwork, scene: Scene | None = None) -> Iterator[Ar
     for index, line in stop_lines(network, signs).items():
         if network.lanes[index].edge not in across:
             yield from _end_marks(network.lanes[index], line)
-    regulated |= {
-        node for edge in across for node in (network.edges[edge].source, network.edges[edge].target)
-    }
+    regulated |= {node for edge in across for node in (network.edges[edge].source, network.edges[edge].target)}
     for lane in network.lanes:
         if not lane.internal and network.edges[lane.edge].target not in regulated:
             yield from _turn_arrows(network, lane)
@@ -293,9 +291,7 @@ def ground_shapes(map_id: str) -> tuple[Area, ...]:
     shapes = _ground_of_maps(path).get(map_id, ())
     if not data.mirrored:
         return shapes
-    return tuple(
-        Area(one.colour, shapely.transform(one.polygon, lambda points: points * _MIRROR)) for one in shapes
-    )
+    return tuple(Area(one.colour, shapely.transform(one.polygon, lambda points: points * _MIRROR)) for one in shapes)
 
 
 @lru_cache(maxsize=4)

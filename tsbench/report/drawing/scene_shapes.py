@@ -51,9 +51,7 @@ def indicators(traffic_view: TrafficView, snapshot: WorldSnapshot) -> list[int]:
     """(n,) of others in their order: 1 = the left side flashes, -1 = the right side. Ticks must come in order."""
     seen = traffic_view.see(snapshot.actors, snapshot.ego)
     # The view has an order of its own: its road users are found again by where they are.
-    sides = {
-        (x, y): _SIDES[i] for (x, y, _), i in zip(seen.pose.tolist(), seen.indicator.tolist(), strict=True)
-    }
+    sides = {(x, y): _SIDES[i] for (x, y, _), i in zip(seen.pose.tolist(), seen.indicator.tolist(), strict=True)}
     return [sides.get((x, y), 0) for x, y, _ in snapshot.actors.pose.tolist()]
 
 
@@ -61,9 +59,7 @@ def braking(snapshot: WorldSnapshot, before: WorldSnapshot | None) -> list[bool]
     """(n,) of others in their order. before: the tick before; without it no vehicle is seen to brake."""
     actors = snapshot.actors
     then: dict[int, float] = (
-        {}
-        if before is None
-        else dict(zip(before.actors.index.tolist(), before.actors.speed.tolist(), strict=True))
+        {} if before is None else dict(zip(before.actors.index.tolist(), before.actors.speed.tolist(), strict=True))
     )
     return [
         then.get(row, speed) - speed > _BRAKES_MPS2 * DT_S
@@ -117,9 +113,7 @@ def rule_zone(scene: Scene) -> shapely.Geometry | None:
             raise TypeError(f"no drawing of the zone of {type(params).__name__}")
 
 
-def _stretch(
-    scene: Scene, sign: SignInstance, edges: tuple[str, ...], only: frozenset[str]
-) -> shapely.Geometry | None:
+def _stretch(scene: Scene, sign: SignInstance, edges: tuple[str, ...], only: frozenset[str]) -> shapely.Geometry | None:
     """The lanes of edges from the plate's line to its end plate's, and what joins them."""
     network = scene.network
     end = next((s for s in scene.signs if s.ends == sign.id), None)
@@ -199,10 +193,7 @@ def plate_line(scene: Scene) -> Array:
         middle = crossing.line.point_at(crossing.line.length / 2)
         begin = outer.line.project(*middle)[0] - crossing.width / 2
         at = begin, begin
-    ends = (
-        outer.line.point_at(at[0], kerb * outer.width / 2),
-        inner.line.point_at(at[1], -kerb * inner.width / 2),
-    )
+    ends = (outer.line.point_at(at[0], kerb * outer.width / 2), inner.line.point_at(at[1], -kerb * inner.width / 2))
     return np.array(ends)
 
 

@@ -79,9 +79,7 @@ def dashes(points: Array, dash: float, gap: float) -> list[Array]:
     """Pieces of a line (n, 2), each (m, 2)."""
     line = Polyline(points)
     starts = np.arange(0.0, max(line.length - dash / 2, 0.01), dash + gap)
-    return [
-        line.slice(s, min(s + dash, line.length)).points for s in starts.tolist() if s + 0.01 < line.length
-    ]
+    return [line.slice(s, min(s + dash, line.length)).points for s in starts.tolist() if s + 0.01 < line.length]
 
 
 def cone_places(cones: Body) -> Array:

@@ -21,14 +21,7 @@ from tsbench.episode.traffic_view import TrafficView
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.tracks import actor_tracks, ego_rows
 from tsbench.report.drawing.road_shapes import ground_shapes, road_shapes
-from tsbench.report.drawing.scene_shapes import (
-    body_kind,
-    braking,
-    ego_brakes,
-    indicators,
-    named_from,
-    scene_shapes,
-)
+from tsbench.report.drawing.scene_shapes import body_kind, braking, ego_brakes, indicators, named_from, scene_shapes
 from tsbench.report.page.page_format import deltas, drawing, pack, plate_key, plate_keys, plate_of
 from tsbench.report.time_to_collision import FARTHEST_S, times_to_collision, times_to_conflict
 from tsbench.report.wording import episode_subtitle, episode_title, readable, unit_words
@@ -79,9 +72,7 @@ class EpisodePacker:
         track = ego_rows(trace)
         if not np.isfinite(track).all():
             raise InputError(f"{path}: the ego's state is not finite: nothing to draw")
-        points = np.array(
-            [*track[:, :2], *((s.x, s.y) for s in scene.signs if s.role not in ("context", DISTRACTOR))]
-        )
+        points = np.array([*track[:, :2], *((s.x, s.y) for s in scene.signs if s.role not in ("context", DISTRACTOR))])
         furnished = drawing(scene_shapes(scene, roads.graph))
         header = {
             **_about(trace),
@@ -114,17 +105,9 @@ def pack_plate(key: str) -> bytes:
 
 def _about(trace: Trace) -> dict[str, Any]:
     spec = trace.spec
-    verdicts = (
-        (replace(trace.target, violations=tuple(trace.events)), True),
-        *((v, False) for v in trace.others),
-    )
+    verdicts = ((replace(trace.target, violations=tuple(trace.events)), True), *((v, False) for v in trace.others))
     events = [
-        {
-            "target": target,
-            **event,
-            "unit": unit_words(event["unit"]),
-            "sentence": readable(event["sentence"]),
-        }
+        {"target": target, **event, "unit": unit_words(event["unit"]), "sentence": readable(event["sentence"])}
         for verdict, target in verdicts
         for event in verdict_to_dict(verdict)["violations"]
     ]
@@ -196,8 +179,7 @@ def _motion(trace: Trace, track: Array) -> tuple[dict[str, Any], dict[str, npt.N
     table = snapshots[-1].actors.table
     sizes = np.round(np.column_stack((table.length, table.width))[: len(table.ids)], 2).tolist()
     actors = [
-        [name, body_kind(table, row), *size]
-        for row, (name, size) in enumerate(zip(table.ids, sizes, strict=True))
+        [name, body_kind(table, row), *size] for row, (name, size) in enumerate(zip(table.ids, sizes, strict=True))
     ]
     pieces = [[t.index, t.first, n] for t, n in zip(tracks, lengths, strict=True)]
     units = {

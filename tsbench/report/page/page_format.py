@@ -117,9 +117,7 @@ def pack(header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]] | Non
         described.append([name, kind, len(array)])
         planes = array.astype(array.dtype.newbyteorder("<")).view(np.uint8).reshape(-1, array.dtype.itemsize)
         parts.append(np.ascontiguousarray(planes.T).tobytes())
-    text = json.dumps(
-        {**header, "arrays": described}, ensure_ascii=False, allow_nan=False, separators=(",", ":")
-    )
+    text = json.dumps({**header, "arrays": described}, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     head = text.encode()
     return gzip.compress(struct.pack("<I", len(head)) + head + b"".join(parts), _LEVEL, mtime=0)
 
@@ -185,9 +183,7 @@ def drawing(shapes: Iterable[Shape]) -> dict[str, Any]:
             case Body(kind="cones"):
                 bodies += [_body_dict("cone", x, y) for x, y in cone_places(shape).tolist()]
             case Body():
-                bodies.append(
-                    _body_dict(shape.kind, shape.x, shape.y, shape.heading, shape.length, shape.width)
-                )
+                bodies.append(_body_dict(shape.kind, shape.x, shape.y, shape.heading, shape.length, shape.width))
             case DrawnPlate():
                 place = {
                     "x": round(shape.x, 2),

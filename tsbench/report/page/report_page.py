@@ -130,9 +130,14 @@ class Written:
 
 
 def write_report(
-    runs: Sequence[Path], out: Path | None, *, allow_partial: bool, max_mb: float, workers: int,
+    runs: Sequence[Path],
+    out: Path | None,
+    *,
+    allow_partial: bool,
+    max_mb: float,
+    workers: int,
     progress: Callable[[int, int], None],
-) -> Written:  # fmt: skip
+) -> Written:
     """Write the report of `runs` to `out` (default: report.html in the run, or here for several).
 
     max_mb: bound of the file's size in 10^6 bytes; players are left out until it is kept.
@@ -147,9 +152,7 @@ def write_report(
     fixed = Fixed(pool, index)
     bare = len(fixed.page(Embedded()).encode())
     if bare > bound:
-        raise InputError(
-            f"{path}: without any player the page has {bare / MEGABYTE:.1f} MB: raise --max-mb {max_mb:g}"
-        )
+        raise InputError(f"{path}: without any player the page has {bare / MEGABYTE:.1f} MB: raise --max-mb {max_mb:g}")
     # The flags of what can be played change by a few bytes in the table.
     players = embed(index, bound - bare - len(index.rows) - 4096, workers, progress)
     text = fixed.page(players).encode()
@@ -173,11 +176,7 @@ def episode_page(run: StoredRun, planner: str, scenario_id: str) -> str:
     row = next((r for r in rows.to_pylist() if r["scenario_id"] == scenario_id), None)
     if row is None:
         raise InputError(f"{run.path}: no episode of {planner} on {scenario_id}")
-    alike = (
-        pc.equal(rows["pair_id"], row["pair_id"])
-        if row["pair_id"]
-        else pc.equal(rows["scenario_id"], scenario_id)
-    )
+    alike = pc.equal(rows["pair_id"], row["pair_id"]) if row["pair_id"] else pc.equal(rows["scenario_id"], scenario_id)
     pool = make_pool([replace(run, episodes=rows.filter(alike))], allow_partial=True)
     # The traces of all other episodes are no strays.
     index = replace(index_episodes(pool), notes=())

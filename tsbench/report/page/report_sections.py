@@ -9,13 +9,7 @@ from tsbench.metrics.paired_differences import compare, shared_scenarios
 from tsbench.metrics.scd_records import CONTRASTED, SIGNED_ONES
 from tsbench.report.analyses.analyses_by_name import OF_POOL
 from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Column, Kind, Row, Table, Value, lines_of
-from tsbench.report.analyses.columns import (
-    NAMES,
-    difference_columns,
-    difference_rows,
-    panels_of,
-    text_columns,
-)
+from tsbench.report.analyses.columns import NAMES, difference_columns, difference_rows, panels_of, text_columns
 from tsbench.report.analyses.run_pool import EpisodeIndex, RunPool
 from tsbench.report.analyses.traffic_calibration import traffic
 from tsbench.report.page.page_format import pack_table, page_column
@@ -119,9 +113,7 @@ def _without(table: Table) -> tuple[str, ...]:
 
 
 def _text(table: Table, cells: Sequence[Cell], key: str) -> str:
-    return next(
-        (str(cell) for column, cell in zip(table.columns, cells, strict=True) if column.key == key), ""
-    )
+    return next((str(cell) for column, cell in zip(table.columns, cells, strict=True) if column.key == key), "")
 
 
 def about(pool: RunPool) -> list[dict[str, Any]]:
@@ -157,9 +149,7 @@ _COLUMNS = (
     page_column("planner", "planner", filter="choice"),
     page_column("scenario_type", "type", filter="choice", title="of a pair that of its signed half"),
     page_column("half", "half", filter="choice"),
-    page_column(
-        "passes", "pair passed", filter="choice", marks=_PASSED, title="which halves of its pair were passed"
-    ),
+    page_column("passes", "pair passed", filter="choice", marks=_PASSED, title="which halves of its pair were passed"),
     page_column("outcome", "outcome", filter="choice"),
     page_column("sign_compliant", "obeyed", "flag", filter="choice", marks=_YES, title=_OBEYED),
     page_column("scd", "SCD", "flag", filter="choice", marks=_YES, title="obeyed the sign and arrived"),
@@ -181,12 +171,9 @@ def episodes_table(index: EpisodeIndex, playable: Collection[int]) -> bytes:
     """Every episode as a row of `tsb.table`; playable: rows that a player has."""
     values: dict[str, list[Any]] = {c["name"]: [r.get(c["name"]) for r in index.rows] for c in _COLUMNS}
     stories = [index.stories.get(index.key(k)) for k in range(len(index.rows))]
-    values["measured"] = [
-        "" if s is None else f"{s['value']:.4g} / {s['threshold']:.4g} {s['unit']}" for s in stories
-    ]
+    values["measured"] = ["" if s is None else f"{s['value']:.4g} / {s['threshold']:.4g} {s['unit']}" for s in stories]
     values["told"] = [
-        s["sentence"] if s is not None else row["error"] or ""
-        for s, row in zip(stories, index.rows, strict=True)
+        s["sentence"] if s is not None else row["error"] or "" for s, row in zip(stories, index.rows, strict=True)
     ]
     values["violation_clause"] = [clause or "" for clause in values["violation_clause"]]
     values["scenario_type"] = [pair_type(row["pair_id"], row["scenario_type"]) for row in index.rows]
@@ -196,9 +183,7 @@ def episodes_table(index: EpisodeIndex, playable: Collection[int]) -> bytes:
     for column in _COLUMNS:
         if column["kind"] == "number":
             digits = column.get("digits", 1)
-            values[column["name"]] = [
-                None if v is None else round(v, digits + 1) for v in values[column["name"]]
-            ]
+            values[column["name"]] = [None if v is None else round(v, digits + 1) for v in values[column["name"]]]
     return pack_table(_COLUMNS, values)
 
 
@@ -210,9 +195,7 @@ def heading(pool: RunPool) -> dict[str, Any]:
         "contract": pool.contract,
         "edition": pool.edition,
         "headlines": headlines(pool),
-        "cited": [
-            citation(run, [p for p in pool.summaries if pool.home[p.planner] is run]) for run in pool.runs
-        ],
+        "cited": [citation(run, [p for p in pool.summaries if pool.home[p.planner] is run]) for run in pool.runs],
     }
 
 

@@ -21,13 +21,7 @@ from tsbench.metrics.breakdown import Scores
 from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.paired_differences import Comparison, Difference, Flip, compare, shared_scenarios
 from tsbench.report.analyses.analysis import Analysis, Column, Kind, Table, print_analysis
-from tsbench.report.analyses.columns import (
-    NAMES,
-    READINGS_NOTE,
-    SCD_NOTE,
-    difference_columns,
-    difference_rows,
-)
+from tsbench.report.analyses.columns import NAMES, READINGS_NOTE, SCD_NOTE, difference_columns, difference_rows
 from tsbench.run.log.manifest import NAME, city_of, marks_of, plain_perception, planners_of
 from tsbench.run.log.read import StoredRun, is_run, read_run
 from tsbench.run.plan import BOTH
@@ -147,9 +141,7 @@ def _check_kept(kept: Side, own: Side) -> None:
         "half": None if asked["half"] == BOTH else asked["half"],
     }
     words = [word for name, value in given.items() if value for word in (f"--{name}", str(value))]
-    command = shlex.join(
-        ["tsbench", "run", *words, *(["--mask-signs"] if kept.run.perception.masked else [])]
-    )
+    command = shlex.join(["tsbench", "run", *words, *(["--mask-signs"] if kept.run.perception.masked else [])])
     raise InputError(
         f"{own.label} has other scenarios than the kept results of {kept.planner}: drive the same ones with "
         f"{command} (--force compares what both have)"
@@ -161,9 +153,7 @@ def side_of(run: StoredRun, planner: str | None) -> Side:
     names = ", ".join(run.asked)
     if planner is None:
         if len(run.asked) != 1:
-            raise InputError(
-                f"{run.path}: has planners {names}: name one, as {run.path}:{next(iter(run.asked))}"
-            )
+            raise InputError(f"{run.path}: has planners {names}: name one, as {run.path}:{next(iter(run.asked))}")
         return Side(run, next(iter(run.asked)))
     if planner not in run.asked:
         raise InputError(f"{run.path}: has no planner {planner!r}, only {names}")
@@ -202,9 +192,7 @@ def _selections(a: Side, b: Side, n_a: int, n_b: int, common: int, force: bool, 
         return []
     counts = f"A has {n_a}, B has {n_b}, {common} in common"
     if not force:
-        raise InputError(
-            f"the runs have different scenarios ({counts}): --force compares the common ones and says so"
-        )
+        raise InputError(f"the runs have different scenarios ({counts}): --force compares the common ones and says so")
     return [f"FORCED, different scenarios ({counts})"]
 
 
@@ -237,9 +225,7 @@ def print_comparison(matched: Matched, console: Console, most_flips: int) -> Non
 def comparison_analyses(matched: Matched) -> tuple[Analysis, ...]:
     """A table for each figure of SCD, the primary one first, and one of the other metrics."""
     c, (a, b) = matched.comparison, matched.contracts
-    editions = [
-        f"edition {side.run.edition}, contract {side.run.contract}" for side in (matched.a, matched.b)
-    ]
+    editions = [f"edition {side.run.edition}, contract {side.run.contract}" for side in (matched.a, matched.b)]
     others = (f"A {editions[0]}", f"B {editions[1]}") if a != b else ()
     notes = (*(f"note: {line}" for line in matched.notes), *others)
     first, *rest = (_scores(NAMES[part], scores) for part, scores in c.scores.items())
@@ -266,9 +252,7 @@ def _scores(name: str, scores: Scores[Difference]) -> Table:
 
 def flips_csv(comparison: Comparison, path: Path) -> None:
     names = [field.name for field in fields(Flip) if field.name != "won"]
-    rows = [
-        ["won" if flip.won else "lost", *(getattr(flip, name) for name in names)] for flip in comparison.flips
-    ]
+    rows = [["won" if flip.won else "lost", *(getattr(flip, name) for name in names)] for flip in comparison.flips]
     with io_errors_as_input_errors(path):
         write_atomic(path, csv_text([["change", *names], *rows]).encode())
 
@@ -290,9 +274,7 @@ def _no_interval(c: Comparison) -> Iterator[str]:
 
 
 def _print_flips(flips: list[Flip], won: bool, console: Console, most: int) -> None:
-    head = (
-        f"won (B has SCD, A has not): {len(flips)}" if won else f"lost (A had SCD, B has not): {len(flips)}"
-    )
+    head = f"won (B has SCD, A has not): {len(flips)}" if won else f"lost (A had SCD, B has not): {len(flips)}"
     console.print(Text(head, style="bold"))
     for flip in flips[:most]:
         console.print(Text(f"  {flip.scenario_id}  A {_story(flip, 'a')}, B {_story(flip, 'b')}"))

@@ -87,9 +87,7 @@ def difference_mark(figure: StrictAndCompleted[Difference], colour: str, mean: b
     d = figure.main
     marker, width = ("D", 2.2) if mean else ("o", 1.4)
     cross = figure.completed.value if figure.differ else None
-    return Mark(
-        d.value, d.low, d.high, colour, d.significant, marker=marker, width=width, bracket=d.mde, cross=cross
-    )
+    return Mark(d.value, d.low, d.high, colour, d.significant, marker=marker, width=width, bracket=d.mde, cross=cross)
 
 
 def lost_won(figure: StrictAndCompleted[Difference]) -> str:
@@ -110,11 +108,7 @@ def _forest(matched: Matched) -> Figure:
     for group, figure in scores.groups.items():
         colour = GROUP_COLOURS.get(group, INK)
         rows.append(row(group, figure, colour, True))
-        rows += [
-            row(kind, scores.types[kind], colour, False)
-            for kind, g in scores.type_groups.items()
-            if g == group
-        ]
+        rows += [row(kind, scores.types[kind], colour, False) for kind, g in scores.type_groups.items() if g == group]
     drawing = Figure(figsize=(_WIDTH_IN, _MARGIN_IN + ROW_IN * len(rows)), layout="constrained")
     axes = drawing.subplots()
     draw_rows(axes, rows)
@@ -141,9 +135,7 @@ def _draw_mark(axes: Any, y: int, mark: Mark) -> None:
     if mark.cross is not None:
         axes.plot(mark.cross, y, marker="x", color=mark.colour, markersize=5, zorder=2)
     face = mark.colour if mark.filled else "white"
-    axes.plot(
-        mark.value, y, marker=mark.marker, color=mark.colour, markerfacecolor=face, markersize=5, zorder=3
-    )
+    axes.plot(mark.value, y, marker=mark.marker, color=mark.colour, markerfacecolor=face, markersize=5, zorder=3)
 
 
 def _contract_line(matched: Matched) -> str:
@@ -189,11 +181,17 @@ def forest_panels(
             axes[k].set_xlim(span[0] - margin, span[1] + margin)
     handles = [
         Line2D(
-            [], [], color=mark.colour, marker=mark.marker, markersize=5, label=text,
-            linestyle="-" if mark.low is not None else "none", markerfacecolor=mark.colour if mark.filled else "white",
+            [],
+            [],
+            color=mark.colour,
+            marker=mark.marker,
+            markersize=5,
+            label=text,
+            linestyle="-" if mark.low is not None else "none",
+            markerfacecolor=mark.colour if mark.filled else "white",
         )
         for text, mark in key.items()
-    ]  # fmt: skip
+    ]
     put_key(figure, unit, handles, stacked)
     return figure
 
@@ -214,9 +212,15 @@ def put_key(figure: Figure, unit: str, handles: Sequence[Any], stacked: bool = F
     if stacked:
         unit = "\n".join(wrap(unit, _STACKED_LETTERS))
     figure.legend(
-        handles=handles, title=unit, loc="outside lower left", alignment="left", fontsize=7.5, title_fontsize=8,
-        frameon=False, ncols=1 if stacked else len(handles),
-    )  # fmt: skip
+        handles=handles,
+        title=unit,
+        loc="outside lower left",
+        alignment="left",
+        fontsize=7.5,
+        title_fontsize=8,
+        frameon=False,
+        ncols=1 if stacked else len(handles),
+    )
 
 
 def put_title(figure: Figure, title: str, contract: str) -> None:

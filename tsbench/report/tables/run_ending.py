@@ -74,23 +74,13 @@ def _text(figure: StrictAndCompleted[Estimate] | None, *, interval: bool, unit: 
 def citation(run: StoredRun, planners: Sequence[PlannerSummary]) -> tuple[list[str], str]:
     """What to say with a run's figures, a line for each planner, and the BibTeX entry of what they were made with."""
     part, effective = primary(planners), run.manifest["effective"]
-    of = {
-        "city": "",
-        "split": " split",
-        "variants": " variants",
-        "half": " half",
-        "limit": " scenarios at most",
-    }
-    words = [
-        f"{value}{what}" for name, what in of.items() if (value := effective.get(name)) not in (None, BOTH)
-    ]
+    of = {"city": "", "split": " split", "variants": " variants", "half": " half", "limit": " scenarios at most"}
+    words = [f"{value}{what}" for name, what in of.items() if (value := effective.get(name)) not in (None, BOTH)]
     words += ["plates masked"] if run.perception.masked else []
     words += [] if run.perception.level is None else [f"perception {run.manifest['asked']['perception']}"]
     kinds = "" if len(effective["types"]) == TYPES else f"{', '.join(effective['types'])}; "
     scoring = run.manifest.get("scoring", 1)
-    said = (
-        f"tsbench {run.edition}, {', '.join(words)}; {kinds}scoring {scoring}, contract {run.contract[:12]}"
-    )
+    said = f"tsbench {run.edition}, {', '.join(words)}; {kinds}scoring {scoring}, contract {run.contract[:12]}"
     lines = []
     for p in planners:
         figure = panels_of(p, part).get(ALL)
@@ -138,10 +128,7 @@ def _failure(row: Mapping[str, Any], run: StoredRun) -> Failure:
     else:
         cause, sentence = row["outcome"], _ending(row)
     names = {name: row[name] for name in ("planner", "scenario_id", "half", "outcome")}
-    kind, plate = (
-        pair_type(row["pair_id"], row["scenario_type"]),
-        sign_words(row["sign_code"], row["sign_value"]),
-    )
+    kind, plate = (pair_type(row["pair_id"], row["scenario_type"]), sign_words(row["sign_code"], row["sign_value"]))
     return Failure(**names, type=kind, plate=plate, cause=cause, sentence=sentence)
 
 
@@ -155,9 +142,7 @@ def counted(failures: Sequence[Failure], run: StoredRun, planner: str) -> str:
     """How many of a planner's episodes failed, and of what."""
     causes = Counter(failure.cause for failure in failures if failure.planner == planner)
     told = ", ".join(f"{count} {cause}" for cause, count in causes.most_common())
-    return (
-        f"{planner}: {causes.total()} of {len(run.of(planner))} episodes failed{': ' if told else ''}{told}"
-    )
+    return f"{planner}: {causes.total()} of {len(run.of(planner))} episodes failed{': ' if told else ''}{told}"
 
 
 def examples(run: StoredRun) -> Iterator[str]:
@@ -181,9 +166,7 @@ def listing(run: StoredRun, failures: Sequence[Failure], by: str) -> Iterator[st
     for failure in failures:
         groups.setdefault(getattr(failure, GROUPINGS[by]), []).append(failure)
     for name, own in sorted(groups.items(), key=lambda group: -len(group[1])):
-        title = (
-            counted(own, run, name) if by == "planner" else f"{name}: {len(own)} of {len(failures)} failures"
-        )
+        title = counted(own, run, name) if by == "planner" else f"{name}: {len(own)} of {len(failures)} failures"
         yield from textwrap.wrap(title, _WIDTH, subsequent_indent="    ")
         for failure in own:
             yield f"  {failure.name}"

@@ -48,9 +48,7 @@ class Executor(Protocol):
         Raises InputError: it does not exist, does not import, cannot be made there, or takes too long to.
         """
 
-    def run(
-        self, setup: Setup, tasks: TaskQueue, keep: Callable[[Record], None], stop: Callable[[], bool]
-    ) -> None:
+    def run(self, setup: Setup, tasks: TaskQueue, keep: Callable[[Record], None], stop: Callable[[], bool]) -> None:
         """Run all tasks; `keep` gets each record as it comes, once its trace lies in the run folder.
 
         Ends early once `stop` says so. Raises InputError: the run folder takes nothing more, or no worker is left.

@@ -138,9 +138,7 @@ def _accounts_kept() -> Iterator[Callable[[], None]]:
     """
     before, system = _Action(), ctypes.CDLL(None)
     mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGCHLD})
-    system.sigaction(
-        signal.SIGCHLD, ctypes.byref(_Action(flags=_NO_STOPPED | _NO_WAIT)), ctypes.byref(before)
-    )
+    system.sigaction(signal.SIGCHLD, ctypes.byref(_Action(flags=_NO_STOPPED | _NO_WAIT)), ctypes.byref(before))
 
     def restore() -> None:
         system.sigaction(signal.SIGCHLD, ctypes.byref(before), None)

@@ -82,9 +82,7 @@ class Pool:
             found[:0] = [self._await_probe(slot, spec) for slot, spec in enumerate(some)]
         return found
 
-    def run(
-        self, setup: Setup, tasks: TaskQueue, keep: Callable[[Record], None], stop: Callable[[], bool]
-    ) -> None:
+    def run(self, setup: Setup, tasks: TaskQueue, keep: Callable[[Record], None], stop: Callable[[], bool]) -> None:
         self._setup = setup
         for slot, worker in enumerate(self._workers):
             if worker is not None and self._index_of(worker.planner) not in (None, tasks.planner):

@@ -103,9 +103,7 @@ class RayExecutor:
     def __exit__(self, kind: object, *_: object) -> None:
         """End all actors: idle ones kindly, so that nothing of a planner is left, the others at once."""
         if kind is None:
-            partings = [
-                handle.actor.close.remote() for handle in self._actors if handle.ready and not handle.held
-            ]
+            partings = [handle.actor.close.remote() for handle in self._actors if handle.ready and not handle.held]
             if partings:
                 ray.wait(partings, num_returns=len(partings), timeout=_SHUTDOWN_TIMEOUT_S)
         for handle in self._actors:
@@ -140,9 +138,7 @@ class RayExecutor:
                 return [probed.planner for probed in told if probed.planner is not None]
         raise InputError(f"--executor ray: nobody on the cluster takes work: {why}")
 
-    def run(
-        self, setup: Setup, tasks: TaskQueue, keep: Callable[[Record], None], stop: Callable[[], bool]
-    ) -> None:
+    def run(self, setup: Setup, tasks: TaskQueue, keep: Callable[[Record], None], stop: Callable[[], bool]) -> None:
         self._setup = setup
         for handle in self._actors:
             self._configure(handle, setup)
@@ -151,9 +147,7 @@ class RayExecutor:
             self._fill(tasks)
             if not tasks.left and not any(handle.held for handle in self._actors):
                 return
-            waiting = {
-                handle.next_answer(): slot for slot, handle in enumerate(self._actors) if handle.busy()
-            }
+            waiting = {handle.next_answer(): slot for slot, handle in enumerate(self._actors) if handle.busy()}
             for answer in self._wait(list(waiting)):
                 self._take(waiting[answer], answer, tasks, keep)
             if any(handle.ready for handle in self._actors):

@@ -54,9 +54,7 @@ def _limit(worker: WorkerProcess, limits: Limits) -> float:
     return limits.first_call if worker.heartbeat.planner_calls <= 2 else limits.call
 
 
-def lost_record(
-    worker: WorkerProcess, task: Task, who: PlannerInfo, status: int, overrun: Overrun | None
-) -> Record:
+def lost_record(worker: WorkerProcess, task: Task, who: PlannerInfo, status: int, overrun: Overrun | None) -> Record:
     """The record of an episode that took its worker along. who: its planner; status: how the worker ended."""
     phase = worker.heartbeat.phase
     ours = phase not in (Phase.PLANNING, Phase.IDLE)

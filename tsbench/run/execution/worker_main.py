@@ -150,18 +150,14 @@ class Worker:
                 record = replace(record, trace_sha256=hashlib.sha256(path.read_bytes()).hexdigest())
             except OSError as problem:
                 # No matter of this episode: the folder takes nothing more, the whole run has to stop.
-                return messages.FolderFailed(
-                    problem.errno or 0, problem.strerror or "", str(problem.filename or path)
-                )
+                return messages.FolderFailed(problem.errno or 0, problem.strerror or "", str(problem.filename or path))
         self._heartbeat.beat(Phase.IDLE)
         return messages.Finished(task.number, record)
 
     def _names(self, seen: opened_files.Opened, planner: int) -> tuple[str, ...]:
         """Of the files that a planner read in an episode those that the run does not know it by yet."""
         known = opened_files.names(self._setup.planners[planner].opened)
-        return tuple(
-            sorted({*opened_files.of_planner(seen.files, self._place, seen.foreign)}.difference(known))
-        )
+        return tuple(sorted({*opened_files.of_planner(seen.files, self._place, seen.foreign)}.difference(known)))
 
     def _run(self, task: Task) -> tuple[Record, EpisodeResult | None]:
         spec, who = task.spec, self._setup.planners[task.planner]

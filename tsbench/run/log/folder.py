@@ -19,15 +19,7 @@ from tsbench.run.edition import LOCAL
 from tsbench.run.log.journal import FOLDER as ASIDE
 from tsbench.run.log.journal import JOURNAL, Content, Journal, Key, Quarantine, belongs, open_locked
 from tsbench.run.log.later import Later
-from tsbench.run.log.manifest import (
-    NAME,
-    Manifest,
-    difference,
-    identity,
-    planners_of,
-    read_manifest,
-    timestamp,
-)
+from tsbench.run.log.manifest import NAME, Manifest, difference, identity, planners_of, read_manifest, timestamp
 from tsbench.run.log.record import Record
 from tsbench.run.log.rescored import NAME as RESCORED
 from tsbench.run.log.schema import TABLES

@@ -38,9 +38,15 @@ class Journal:
     """
 
     def __init__(
-        self, path: Path, keys: Collection[Key], run: str, aside: Quarantine, sound: Callable[[Content], bool],
-        whole: Callable[[Any], bool] | None = None, unsound: str = _NO_TRACE,
-    ) -> None:  # fmt: skip
+        self,
+        path: Path,
+        keys: Collection[Key],
+        run: str,
+        aside: Quarantine,
+        sound: Callable[[Content], bool],
+        whole: Callable[[Any], bool] | None = None,
+        unsound: str = _NO_TRACE,
+    ) -> None:
         """Open for appending; lines that cannot be trusted are set aside, and their episodes are not `done`.
 
         keys: the episodes of this run. run: its identity. sound: does all exist that an episode's line names?

@@ -255,9 +255,7 @@ def read_manifest(folder: Path, name: str = NAME) -> Manifest | None:
 def _maker(manifest: Mapping[str, Any]) -> str:
     """Which tsbench wrote it, as far as it says so."""
     found = manifest.get("versions")
-    return (
-        f"tsbench {found['tsbench']}" if isinstance(found, dict) and "tsbench" in found else "its own tsbench"
-    )
+    return f"tsbench {found['tsbench']}" if isinstance(found, dict) and "tsbench" in found else "its own tsbench"
 
 
 def versions() -> dict[str, str | None]:

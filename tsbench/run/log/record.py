@@ -70,9 +70,7 @@ def make_timing(result: EpisodeResult) -> Row:
 
 def lost_timing(spec: ScenarioSpec, planner: str, total_s: float) -> Row:
     """Timing of an episode whose worker died; total_s: s from when it was begun."""
-    row: Row = dict.fromkeys(
-        ("start_s", "sim_s", "planner_s", "planner_mean_s", "planner_p95_s", "planner_max_s")
-    )
+    row: Row = dict.fromkeys(("start_s", "sim_s", "planner_s", "planner_mean_s", "planner_p95_s", "planner_max_s"))
     return {**row, "planner": planner, "scenario_id": spec.scenario_id, "ticks": None, "total_s": total_s}
 
 
@@ -90,12 +88,9 @@ def last_seconds(result: EpisodeResult) -> str:
     first = max(len(result.facts.snapshots) - _SHOWN_TICKS, 0)
     for number, snapshot in enumerate(result.facts.snapshots[first:], start=first):
         ego = snapshot.ego
-        asked = (
-            ", ".join(f"{v:.3f}" for v in result.commands[number]) if number < len(result.commands) else "-"
-        )
+        asked = ", ".join(f"{v:.3f}" for v in result.commands[number]) if number < len(result.commands) else "-"
         lines.append(
-            f"{snapshot.time:8.1f} {ego.x:8.2f} {ego.y:8.2f} {ego.heading:8.3f} {ego.speed:7.2f}"
-            f" {ego.lane:5d}  {asked}"
+            f"{snapshot.time:8.1f} {ego.x:8.2f} {ego.y:8.2f} {ego.heading:8.3f} {ego.speed:7.2f} {ego.lane:5d}  {asked}"
         )
     return "\n".join(lines)
 

@@ -38,9 +38,7 @@ class Rescored:
     schema_version: Literal[1] = SCHEMA_VERSION
 
 
-def write_rescored(
-    folder: Path, data: DataSet, contract: str, traces: int, untraced: int, disagreements: int
-) -> None:
+def write_rescored(folder: Path, data: DataSet, contract: str, traces: int, untraced: int, disagreements: int) -> None:
     """Write down how judging a run again ended. Raises InputError where the folder takes nothing."""
     hashes = file_hashes(folder)
     judged, edition = {name: hashes[name] for name in _JUDGED}, edition_here(contract, data)
@@ -69,9 +67,5 @@ def tell_rescored(folder: Path, contract: str, files: Mapping[str, str] | None) 
         return "rescored before its tables were changed: what stands in them was not judged again"
     total = found.traces + found.untraced
     agrees = f"{found.disagreements} disagreements" if found.disagreements else "all agree"
-    other = (
-        ""
-        if standing_contract(found.contract) == contract
-        else f", under another contract ({found.contract[:12]})"
-    )
+    other = "" if standing_contract(found.contract) == contract else f", under another contract ({found.contract[:12]})"
     return f"rescored with edition {found.edition}{other}: {found.traces} of {total} episodes by their traces, {agrees}"

@@ -33,9 +33,7 @@ def write_tables(folder: Path, journal: Journal, contract: str) -> None:
         for name, schema in TABLES.items():
             path = stack.enter_context(replacing(folder / name))
             options = {"version": "2.6", "compression": "zstd", "compression_level": 3}
-            writers[name] = stack.enter_context(
-                pq.ParquetWriter(path, schema.with_metadata(metadata), **options)
-            )
+            writers[name] = stack.enter_context(pq.ParquetWriter(path, schema.with_metadata(metadata), **options))
         for start in range(0, len(keys), _GROUP):
             tables = tables_of([journal.read(key) for key in keys[start : start + _GROUP]])
             for name, writer in writers.items():
@@ -81,9 +79,7 @@ def read_table(path: Path) -> pa.Table:
     table = open_table(path, schema, "is the folder a tsbench run that has ended?", later=_LATER)
     for field in schema:
         if field.name not in table.column_names:
-            table = table.append_column(
-                field, pa.repeat(pa.scalar(LATER.get(field.name), field.type), len(table))
-            )
+            table = table.append_column(field, pa.repeat(pa.scalar(LATER.get(field.name), field.type), len(table)))
     return table.select(schema.names)
 
 

@@ -30,11 +30,7 @@ def find_corridors(source: SourceNetwork, rejected: Counter[str]) -> Iterator[Po
     used: set[int] = set()
     order = sorted(
         range(len(source.edge_ids)),
-        key=lambda row: (
-            -int(source.lanes[row]),
-            -min(float(source.lengths[row]), MAX_M),
-            source.edge_ids[row],
-        ),
+        key=lambda row: (-int(source.lanes[row]), -min(float(source.lengths[row]), MAX_M), source.edge_ids[row]),
     )
     for row in order:
         if source.lengths[row] < MIN_M or source.tail[row] == source.head[row]:

@@ -88,11 +88,7 @@ def _pairs(
             compliant_at, compliant = ranked[1]
             extra = min(float(source.lengths[target]), DESTINATION_M)
             gain = compliant_at - short.cost
-            if (
-                gain < MIN_GAIN_M
-                or short.cost + extra > MAX_SHORT_M
-                or compliant_at + extra > MAX_COMPLIANT_M
-            ):
+            if gain < MIN_GAIN_M or short.cost + extra > MAX_SHORT_M or compliant_at + extra > MAX_COMPLIANT_M:
                 continue
             if source.lengths[target] < DESTINATION_MIN_M or short.before == reach[compliant][target].before:
                 continue
@@ -172,7 +168,7 @@ class _Reaches:
 
 def _row(
     source: SourceNetwork, node: int, approach: int, shape: str, slot: str, short: list[int], compliant: list[int]
-) -> PoolRow:  # fmt: skip
+) -> PoolRow:
     ids = source.edge_ids
     line = source.line(approach)
     extra = min(float(source.lengths[short[-1]]), DESTINATION_M)
@@ -186,11 +182,7 @@ def _row(
         ids=[ids[approach], slot, ids[short[-1]]],
         pieces=_pieces(source, approach, short, compliant),
         main=[approach],
-        junctions={
-            node,
-            *(int(source.head[row]) for row in ways[:-1]),
-            *(int(source.tail[row]) for row in ways[1:]),
-        },
+        junctions={node, *(int(source.head[row]) for row in ways[:-1]), *(int(source.tail[row]) for row in ways[1:])},
         curvature=chord_over_arc(cut(line, max(0.0, length(line) - APPROACH_CUT_M), length(line))),
         length_m=lengths[1],
         detail={

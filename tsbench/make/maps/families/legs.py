@@ -52,9 +52,7 @@ def find_legs(source: SourceNetwork, ring: list[int], cut_m: float, *, inwards: 
     return legs
 
 
-def _follow(
-    source: SourceNetwork, row: int, ring_nodes: set[int], cut_m: float, *, inwards: bool
-) -> list[int]:
+def _follow(source: SourceNetwork, row: int, ring_nodes: set[int], cut_m: float, *, inwards: bool) -> list[int]:
     """The edges from the ring outwards: on through a node where one road goes on besides the ring's legs."""
     chain, total = [row], float(source.lengths[row])
     # A crumb of an edge at the cut is no part of the arm.

@@ -127,9 +127,7 @@ class GapRequirement:
         """Least seconds until it reaches its zone: it gathers speed, but slows down for its turn."""
         vehicle, limit, accel = seen.vehicle, self._limit(seen), self._gathers(seen)
         # A vehicle that gives way to others, and brakes, comes to its own line at a walk.
-        waits = seen.path.connection.state in "ms" and (
-            seen.accel < _BRAKES_MPS2 or vehicle.speed < self.slow
-        )
+        waits = seen.path.connection.state in "ms" and (seen.accel < _BRAKES_MPS2 or vehicle.speed < self.slow)
         turn = _WALK_MPS if waits else seen.path.inner[0].speed
         way, gone, time, v = seen.to_zone, 0.0, 0.0, vehicle.speed
         while gone < way:

@@ -89,15 +89,9 @@ class CrosswalkConstraint(RuleConstraint):
         enters = _time(v, to_go, _QUICK_MPS2)
         leaves = _time(v, here.far - route.s + HALF_LENGTH_M, _SLOW_MPS2)
         most = math.inf
-        self._waits_for_standing = (
-            self._waits_for_standing and observation.time - self._waits_since < _WAIT_LIMIT_S
-        )
+        self._waits_for_standing = self._waits_for_standing and observation.time - self._waits_since < _WAIT_LIMIT_S
         for begins, ends, certain in self._taken(observation.actors, here.u):
-            if (
-                leaves + _EARLY_S < begins
-                or enters > ends + _LATE_S
-                or not (certain or self._waits_for_standing)
-            ):
+            if leaves + _EARLY_S < begins or enters > ends + _LATE_S or not (certain or self._waits_for_standing):
                 continue
             most = min(most, slow_to(v, 0.0, stop, _BRAKE_MPS2 if certain else _HARD_MPS2))
         return -math.inf, most

@@ -47,15 +47,7 @@ class YieldParams:
 
 # No rule of the scene speaks for these: others see who is in the junction, and slow down a little.
 COURTESY = GapRequirement(
-    gap=0.0,
-    least=2.0,
-    post_clear=0.0,
-    gap_s=0.0,
-    clear_s=0.0,
-    foe_accel=1.6,
-    patience_s=2.0,
-    trust=0.1,
-    share=0.4,
+    gap=0.0, least=2.0, post_clear=0.0, gap_s=0.0, clear_s=0.0, foe_accel=1.6, patience_s=2.0, trust=0.1, share=0.4
 )
 # How the ego itself will go: the brisk end of what a base planner does is not counted on.
 _GO = IdmParameters(accel=2.4, lateral=2.8)
@@ -158,9 +150,7 @@ class Yielding:
         self._path = path
         self._passage = crossing(self._privilege, path, self._approach, self._paths, self._ruled)
         self._samples = PathSamples(path)
-        self._speeds = speed_profile(
-            path, self._samples, lateral=_EGO.lateral, decel=2.0, factor=1.0, top=math.inf
-        )
+        self._speeds = speed_profile(path, self._samples, lateral=_EGO.lateral, decel=2.0, factor=1.0, top=math.inf)
 
     def _note_standing(self, observation: Observation, to_go: float) -> None:
         """Since when have others been standing with the ego in sight at the line?"""
@@ -193,9 +183,7 @@ class Yielding:
             first, last = self._ends(here, zone)
             plan = CrossingPlan(times[line], times[first], times[last])
             standing = observation.time - self._standing.get(vehicle.row, observation.time)
-            seen = ObservedVehicle(
-                vehicle, self._paths[vehicle.path], zone, self._trend[vehicle.row][1], standing
-            )
+            seen = ObservedVehicle(vehicle, self._paths[vehicle.path], zone, self._trend[vehicle.row][1], standing)
             demand = self._demand if vehicle.path < self._ruled else self._courtesy
             if demand.blocks(seen, plan):
                 return False
@@ -219,10 +207,7 @@ class Yielding:
         lengths, widths, speeds = actors.length.tolist(), actors.width.tolist(), actors.speed.tolist()
         for k, (x, y, heading) in enumerate(actors.pose.tolist()):
             # Crossing vehicles will be gone.
-            if (
-                speeds[k] < 1.0
-                and first_contact(samples, first, last, (x, y, heading, lengths[k], widths[k])) >= 0
-            ):
+            if speeds[k] < 1.0 and first_contact(samples, first, last, (x, y, heading, lengths[k], widths[k])) >= 0:
                 return False
         return True
 

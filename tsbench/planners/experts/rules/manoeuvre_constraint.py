@@ -77,8 +77,7 @@ def banned_turns(graph: MapGraph, privilege: Privilege) -> frozenset[Turn]:
     return frozenset(
         (approach, target)
         for target in graph.successors(approach)
-        if turn_class(math.degrees(heading_change(graph.network, approach, target)), straight, u_turn)
-        not in allowed
+        if turn_class(math.degrees(heading_change(graph.network, approach, target)), straight, u_turn) not in allowed
     )
 
 

@@ -141,15 +141,11 @@ class ObstaclePass(RuleConstraint):
 
 def shifted(path: RoutePath, s: float, length: float, offset: float) -> RoutePath:
     """The path moved over by `offset` (left positive) within `length` m from arc length `s` on."""
-    at = np.concatenate(
-        (path.line.s[path.line.s < s], np.arange(s, path.line.length, 1.0), [path.line.length])
-    )
+    at = np.concatenate((path.line.s[path.line.s < s], np.arange(s, path.line.length, 1.0), [path.line.length]))
     share = np.clip((at - s) / length, 0.0, 1.0)
     # A sine half-wave: no jump of heading at either end.
     sideways = offset * (0.5 - 0.5 * np.cos(np.pi * share))
     points = [path.line.point_at(float(t), float(d)) for t, d in zip(at, sideways, strict=True)]
     line = Polyline(np.asarray(points))
     # No lanes: no further check of lane changes is needed.
-    return replace(
-        path, line=line, pieces=(), destination_s=path.destination_s + line.length - path.line.length
-    )
+    return replace(path, line=line, pieces=(), destination_s=path.destination_s + line.length - path.line.length)

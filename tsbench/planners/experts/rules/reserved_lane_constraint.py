@@ -57,9 +57,7 @@ class ReservedLaneConstraint(RuleConstraint):
         front = route.s + HALF_LENGTH_M
         if self._own is not None or route.s > self._far or front > self._near:
             return FREE
-        return -math.inf, slow_to(
-            observation.ego.speed, 0.0, self._near - _WAIT_BEFORE_M - front, _BRAKE_MPS2
-        )
+        return -math.inf, slow_to(observation.ego.speed, 0.0, self._near - _WAIT_BEFORE_M - front, _BRAKE_MPS2)
 
     def _look(self, path: RoutePath) -> None:
         """From where to where does the navigation's route lead through a reserved lane?"""

@@ -56,8 +56,7 @@ class SpeedConstraint(RuleConstraint):
         return frozenset(
             (s.edge, s.position_m)
             for s in observation.signs
-            if s.code in self._ended_by
-            and line_place(self._roads, path, s.edge, s.position_m) + _EARLY_M < front
+            if s.code in self._ended_by and line_place(self._roads, path, s.edge, s.position_m) + _EARLY_M < front
         )
 
 

@@ -65,7 +65,5 @@ def crossing(
     return WayThrough(
         line_s=path.pieces[at].s1,
         zones=(*by_plate, *by_body),
-        first=frozenset(
-            k for k, other in enumerate(others) if k < ruled or not prior.isdisjoint(other.connection.via)
-        ),
+        first=frozenset(k for k, other in enumerate(others) if k < ruled or not prior.isdisjoint(other.connection.via)),
     )
