@@ -89,5 +89,5 @@ class Loader:
         return scene, SimpleNamespace(graph=LaneGraph(scene.network))
 
 
-def packer() -> EpisodePacker:
-    return EpisodePacker(DataSet.in_use(), Loader())
+def packer(data: DataSet | None = None) -> EpisodePacker:
+    return EpisodePacker(data or DataSet.in_use(), Loader())

@@ -20,11 +20,11 @@ def _results(killed: int, survived: int, timeout: int = 0, untried: int = 0) -> 
 
 
 def test_mutants_are_counted_by_file() -> None:
-    other = "    tsbench.rules.monitor.x_posted_kmh__mutmut_1: no tests"
-    head, stop, zone, total = table(count([*_results(16, 3, 1), other, ""]))
+    other = "    tsbench.rules.wrong_way.x_posted_kmh__mutmut_1: no tests"
+    head, stop, other_file, total = table(count([*_results(16, 3, 1), other, ""]))
     assert head.split() == ["file", "mutants", "caught", "survived", "timeouts", "share"]
     assert stop.split() == ["tsbench/rules/stop.py", "20", "17", "3", "1", "85.0%"]
-    assert zone.split() == ["tsbench/rules/monitor.py", "1", "0", "1", "0", "0.0%"]
+    assert other_file.split() == ["tsbench/rules/wrong_way.py", "1", "0", "1", "0", "0.0%"]
     assert total.split() == ["all", "21", "17", "4", "1", "81.0%"]
 
 
@@ -37,11 +37,11 @@ def test_too_few_caught_and_untried_mutants_are_faults() -> None:
 
 
 def test_a_file_may_fall_behind_by_a_little_only() -> None:
-    zone = ["    tsbench.rules.monitor.x_posted_kmh__mutmut_1: killed"] * 3
-    missed = "    tsbench.rules.monitor.x_posted_kmh__mutmut_2: survived"
-    assert faults(count([*_results(40, 0), *zone, missed])) == []
-    assert faults(count([*_results(40, 0), *zone, missed, missed])) == [
-        "tsbench.rules.monitor: 60.0% of the mutants are caught, less than 75%"
+    caught = ["    tsbench.rules.wrong_way.x_posted_kmh__mutmut_1: killed"] * 3
+    missed = "    tsbench.rules.wrong_way.x_posted_kmh__mutmut_2: survived"
+    assert faults(count([*_results(40, 0), *caught, missed])) == []
+    assert faults(count([*_results(40, 0), *caught, missed, missed])) == [
+        "tsbench.rules.wrong_way: 60.0% of the mutants are caught, less than 75%"
     ]
 
 

@@ -193,7 +193,7 @@ def make_selected(
 
 # By format: where its writer is, and its files' suffix.
 WRITERS = {
-    "commonroad": ("tsbench.bridges.commonroad.commonroad_file:write_commonroad", ".xml"),
+    "commonroad": ("tsbench.bridges.commonroad_file:write_commonroad", ".xml"),
     "mcap": ("tsbench.bridges.mcap_recording:write_recording", ".mcap"),
 }
 FORMATS = tuple(WRITERS)

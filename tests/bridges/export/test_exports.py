@@ -15,7 +15,7 @@ import pytest
 import shapely
 from patience import HANG_S
 
-from tsbench.bridges.commonroad.commonroad_lanelets import SIGN_NUMBERS
+from tsbench.bridges.commonroad_lanelets import SIGN_NUMBERS
 from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.episode.runner import EpisodeRunner

@@ -18,9 +18,9 @@ from patience import HANG_S
 
 from tsbench.cli import main
 from tsbench.core.errors import InputError
+from tsbench.make.pages import dataset_page as module
 from tsbench.make.pages.dataset_page import write_dataset_page
 from tsbench.make.scenes import overview
-from tsbench.report.page import dataset_page as module
 from tsbench.scenarios.certificates import Certificate, certificates_of
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec

@@ -273,7 +273,7 @@ def test_a_held_stop_is_judged_alike_from_the_trace(
     # Three seconds still, and not a tick longer than it takes.
     speeds = [s.ego.speed for s in trace.snapshots]
     assert max(speeds[-31:]) <= 0.5 < speeds[-32]
-    judge = Judge()
+    judge = Judge(DataSet.in_use())
     monkeypatch.setattr(judge, "_loader", SceneLoader(DataSet.in_use(), SceneFolder(root)))
     key = ("idm-e", spec.scenario_id)
     assert list(judge.compare(trace, key, row, events)) == []

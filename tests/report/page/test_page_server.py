@@ -51,12 +51,12 @@ def served(*runs: Path) -> Iterator[int]:
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(serving, "EpisodePacker", page_runs.packer)
         server = make_server(runs, 0)
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
-    thread.start()
-    yield server.server_address[1]
-    server.shutdown()
-    server.server_close()
-    thread.join()
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        yield server.server_address[1]
+        server.shutdown()
+        server.server_close()
+        thread.join()
 
 
 @pytest.fixture

@@ -24,7 +24,7 @@ from commonroad.scenario.state import CustomState, InitialState
 from commonroad.scenario.traffic_sign import TrafficSign, TrafficSignElement, TrafficSignIDZamunda
 from commonroad.scenario.trajectory import Trajectory
 
-from tsbench.bridges.commonroad.commonroad_lanelets import SIGN_NUMBERS
+from tsbench.bridges.commonroad_lanelets import SIGN_NUMBERS
 from tsbench.geometry.angles import wrap
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.planners.base import Observation, PlannerContext, SignView

@@ -18,7 +18,7 @@ from lxml import etree
 from lxml.builder import E
 
 import tsbench
-from tsbench.bridges.commonroad.commonroad_lanelets import (
+from tsbench.bridges.commonroad_lanelets import (
     Element,
     intersections,
     lane_ids,
