@@ -1,1 +1,1 @@
-"""Rows of the leaderboard: submitted as one file, driven again by anyone, shown as a site."""
+"""The leaderboard: planners isolated, rows submitted as one file, driven again by anyone, shown as a site."""

@@ -1,1 +1,1 @@
-"""Planners that others made, driven as they are: each file says whose it is and what it is shown."""
+"""What others made: their planners, driven as they are, their formats, and a second judge."""

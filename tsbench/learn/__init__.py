@@ -1,1 +1,1 @@
-"""Training of the learned planners, on the train split."""
+"""Planners that learn: networks, the Gymnasium environment, the oracle, and training on the train split."""
