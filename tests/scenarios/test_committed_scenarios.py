@@ -16,9 +16,9 @@ from tsbench.core.seeds import seed_of
 from tsbench.learn.code_counts import plates_of
 from tsbench.make.city import load_city
 from tsbench.make.scenes import verify
-from tsbench.make.scenes.build import APART_M, stratum_of
+from tsbench.make.scenes.build import APART_M
 from tsbench.make.scenes.map_scenarios import LESS_TRAFFIC
-from tsbench.make.scenes.recipe import load_recipe
+from tsbench.make.scenes.recipe import load_recipe, stratum_of
 from tsbench.make.scenes.split import split_pool
 from tsbench.make.scenes.variants import variants_of
 from tsbench.make.scenes.verify import verify_rows, verify_split

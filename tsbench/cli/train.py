@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -28,6 +28,9 @@ from tsbench.planners.weights import Network, network
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
+
+if TYPE_CHECKING:
+    from tsbench.learn.imitation.task import ImitationTask
 
 _NOT_NEGATIVE = click.IntRange(min=0)
 _cache_gb = click.option(
@@ -121,10 +124,15 @@ def plant2(
 ) -> None:
     """Imitation of sign-blind driving; writes plant2.safetensors and plant2.json."""
     from tsbench.learn.imitation.task import imitation  # brings torch
-    from tsbench.learn.imitation.trainer import train as learn
 
     recipe = ImitationRecipe(drivers=planners, types=types, **figures)
-    _tell(out, learn(imitation(recipe, _train_rows(types)), _resources(out, device, workers, cache_gb), click.echo))
+    _learn(imitation(recipe, _train_rows(types)), out, device, workers, cache_gb)
+
+
+def _learn(task: ImitationTask, out: Path, *resources: Any) -> None:
+    from tsbench.learn.imitation.trainer import train as learn
+
+    _tell(out, learn(task, _resources(out, *resources), click.echo))
 
 
 def _lessons(drives: int, out: str) -> Option:
@@ -179,10 +187,9 @@ def plant2_ft(device: str, workers: int, cache_gb: float, out: Path, **asked: An
     With --mask-signs they are plant2-blind.safetensors and plant2-blind.json.
     """
     from tsbench.learn.finetune.task import fine_tuning  # brings torch
-    from tsbench.learn.imitation.trainer import train as learn
 
     recipe, rows = _recipe(**asked)
-    _tell(out, learn(fine_tuning(recipe, rows), _resources(out, device, workers, cache_gb), click.echo))
+    _learn(fine_tuning(recipe, rows), out, device, workers, cache_gb)
 
 
 @train.command(short_help="Look at what plant2-ft is shown.")

@@ -26,7 +26,7 @@ from tsbench.make.city import chosen_city
 from tsbench.make.maps.source import kept_source
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.scenes.map_scenarios import MapScenarios, Prover, SiteBuilder
-from tsbench.make.scenes.recipe import Recipe, load_recipes
+from tsbench.make.scenes.recipe import Recipe, load_recipes, stratum_of
 from tsbench.make.scenes.split import split_pool, with_places
 from tsbench.make.seeds import seed_of
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates, write_certificates
@@ -81,15 +81,6 @@ class TypeReport:
     short: int
     reasons: dict[str, int]
     draws: dict[str, int]
-
-
-def stratum_of(row: PoolRow) -> str:
-    """The quota that a map counts for, as recipes name it."""
-    if row.family == "corridor":
-        return f"{row.shape}/{row.lane_bucket}"
-    if row.family == "dual_path":
-        return f"{row.slot}/{row.shape}"
-    return row.shape
 
 
 @lru_cache(maxsize=1)
