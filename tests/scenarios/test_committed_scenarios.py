@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from simworld import simulation
 
+from tsbench.cli.train import plates_of
 from tsbench.core.benchmark import MAPS, VARIANTS_OF
 from tsbench.core.seeds import seed_of
-from tsbench.learn.code_counts import plates_of
 from tsbench.make.city import load_city
 from tsbench.make.scenes import verify
 from tsbench.make.scenes.build import APART_M

@@ -66,7 +66,7 @@ def make_secret(path: Path) -> None:
 
 def build_sealed(types: Sequence[str], osm: Path, secret: Path, workers: int, progress: Progress) -> list[TypeReport]:
     """As `build_city`, drawn with a secret. Raises InputError where what is there was drawn with another, or none."""
-    from tsbench.make.scenes.city_build import build_city  # brings pyosmium and SUMO
+    from tsbench.make.scenes.build import build_city  # brings pyosmium and SUMO
 
     place, digest = DataSet.in_use().folder / _SEAL, secret_sha256(secret)
     if place.is_file():

@@ -188,7 +188,7 @@ def fetch(name: str, osm_dir: Path | None) -> None:
 @options.workers
 def build(types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Build a city's data set: pool, pairs of every type in dev and test, certificates. Resumable."""
-    from tsbench.make.scenes.city_build import build_city
+    from tsbench.make.scenes.build import build_city
 
     data = DataSet.in_use()
     chosen, found = options.types_of(data, types), chosen_city()

@@ -182,7 +182,8 @@ def locked(text: str) -> list[str]:
 
 def judge_packages(asked: Iterable[str], pins: Sequence[str], there: Mapping[str, str]) -> Iterator[Diagnosis]:
     """asked: requirement lines with markers; pins: of a clone's lock file. there: version by package name."""
-    core, extras = list[Requirement](), dict[str, list[Requirement]]()
+    core: list[Requirement] = []
+    extras: dict[str, list[Requirement]] = {}
     for requirement in _requirements(asked):
         marker = str(requirement.marker or "")
         extra = marker.partition('extra == "')[2].partition('"')[0]

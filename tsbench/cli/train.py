@@ -16,7 +16,6 @@ from tsbench.cli.options import POSITIVE, Option, Words, several
 from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
 from tsbench.episode.perception_level import load_level
-from tsbench.learn.code_counts import count, write_counts
 from tsbench.learn.finetune.recipe import FineTuning, finetune_drives
 from tsbench.learn.imitation.frames_store import TrainingResources
 from tsbench.learn.imitation.recipe import ImitationRecipe, validation_rows
@@ -31,6 +30,13 @@ from tsbench.scenarios.store import check_files
 
 if TYPE_CHECKING:
     from tsbench.learn.imitation.task import ImitationTask
+from collections import Counter
+from collections.abc import Iterable, Mapping
+
+from tsbench.core.files import write_atomic
+from tsbench.planners.floor.codes import Plate
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import CONTRAST, SIGNED
 
 _NOT_NEGATIVE = click.IntRange(min=0)
 _cache_gb = click.option(
@@ -94,13 +100,12 @@ def carl(**asked: Any) -> None:
 
 
 def _train(planner: str, out: Path, **asked: Any) -> None:
-    from tsbench.learn.rl.ppo_config import Job
-    from tsbench.learn.rl.ppo_training import train as learn  # brings torch
+    from tsbench.learn.rl import ppo_training  # brings torch
 
-    job = Job(planner, out, **asked)
+    job = ppo_training.Job(planner, out, **asked)
     # Its processes read the rows themselves; what they lack is said before they start.
     _train_rows(job.types)
-    _tell(out, learn(job, click.echo))
+    _tell(out, ppo_training.train(job, click.echo))
 
 
 @train.command(short_help="Imitation of sign-blind driving by a transformer.")
@@ -217,7 +222,7 @@ def _recipe(
 @options.out("Where the counts go.", "runs/codes.csv", type=options.FILE)
 def codes(out: Path) -> None:
     """Which plates stand in signed and in contrast halves of the train split: all that the floor codes knows."""
-    write_counts(count(_train_rows(())), out)
+    write_counts(count_plates(_train_rows(())), out)
     click.echo(out)
 
 
@@ -293,3 +298,28 @@ def _tell(out: Path, made: Network) -> None:
     click.echo(f"weights   {out / made.weights.file} ({weights})")
     click.echo(f"facts     {out / made.name}.json")
     click.echo(f"curve     tensorboard --logdir {out / 'tensorboard'}")
+
+
+def plates_of(row: ScenarioSpec, loader: SceneLoader) -> tuple[Plate, ...]:
+    """Code and value of every plate of a row's scene, one entry a plate."""
+    return tuple((sign.code, sign.value) for sign in loader.layout(row)[1].signs)
+
+
+def count_plates(rows: Iterable[ScenarioSpec]) -> dict[Plate, tuple[int, int]]:
+    """Signed and contrast halves in which a plate stands, of rows that have a pair."""
+    loader = SceneLoader(DataSet.in_use())
+    there: dict[str, Counter[Plate]] = {SIGNED: Counter(), CONTRAST: Counter()}
+    for row in rows:
+        if row.pair_id:
+            there[row.half].update(set(plates_of(row, loader)))
+    every = sorted({*there[SIGNED], *there[CONTRAST]}, key=lambda plate: (plate[0], plate[1] or 0.0))
+    return {plate: (there[SIGNED][plate], there[CONTRAST][plate]) for plate in every}
+
+
+def write_counts(counted: Mapping[Plate, tuple[int, int]], path: Path) -> None:
+    """The file that the planner reads: code, value (km/h, empty for none), signed, contrast."""
+    lines = [
+        f"{code},{'' if value is None else f'{value:g}'},{signed},{contrast}"
+        for (code, value), (signed, contrast) in counted.items()
+    ]
+    write_atomic(path, "\n".join(["code,value,signed,contrast", *lines, ""]).encode("ascii"))
