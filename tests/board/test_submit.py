@@ -14,7 +14,7 @@ from submitted import TOWN
 
 import tsbench
 from tsbench.board.claim import claim_of
-from tsbench.board.submission import Submission, episode_of, json_schema, read_submission
+from tsbench.board.submission import Submission, episode_of, figures_of, json_schema, read_submission
 from tsbench.board.submit import make_submission
 from tsbench.core.errors import InputError
 from tsbench.core.parquet import OSM_LICENCE
@@ -187,8 +187,6 @@ def test_a_malformed_one_is_one_line(honest: Make, tmp_path: Path, change: Calla
 
 
 def test_a_missing_episode_is_told(honest: Make) -> None:
-    from tsbench.board.submission import figures_of
-
     made = honest("idm")
     spared = replace(made, episodes=made.episodes[1:])
     with pytest.raises(InputError, match=r"1 missing .*, 0 of no row"):

@@ -18,7 +18,7 @@ from tsbench.make.city import fetch_extracts, load_city
 from tsbench.make.maps.extracts import extract_info, list_extracts
 from tsbench.make.maps.paths import netconvert_file, types_file
 from tsbench.make.maps.plain_xml import class_speeds
-from tsbench.make.scenes.city_build import carried
+from tsbench.make.scenes.overview import carried
 from tsbench.make.scenes.recipe import load_recipe
 from tsbench.scenarios.certificates import certificates_of
 from tsbench.scenarios.data_set import DataSet

@@ -10,7 +10,7 @@ import pytest
 from scripts import load_script
 
 from tsbench.core import paths
-from tsbench.core.fetch import MANIFEST, data_sets
+from tsbench.core.fetch import MANIFEST, data_sets, fetch_set
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -36,8 +36,6 @@ def test_every_file_of_data_is_in_one_set() -> None:
 def test_what_is_laid_out_is_what_is_fetched(
     data_sets_script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from tsbench.core.fetch import fetch_set
-
     data_sets_script.lay_out(tmp_path / "origin")
     assert "test: " in capsys.readouterr().out
     root = tmp_path / "data"

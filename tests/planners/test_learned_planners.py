@@ -12,7 +12,7 @@ from scipy.special import betaincinv, ndtri
 
 from tsbench.cli.network_arithmetic import questions
 from tsbench.core.errors import InputError
-from tsbench.learn.carl.carl_planner import Carl, _by_torch
+from tsbench.learn.carl.carl_planner import Carl
 from tsbench.learn.ppo.ppo_planner import Ppo
 from tsbench.learn.rl.actions import HOLD_TICKS, accelerate, aim, steer
 from tsbench.learn.rl.two_actions import LearnedPlanner
@@ -70,9 +70,11 @@ def test_foreign_tensors_are_one_line(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_carl_answers_as_by_torch(tmp_path: Path) -> None:
+    from tsbench.learn.carl.carl_network import densities_by_torch
+
     asked = questions("carl")
     mine = Carl.network("cpu")(asked)["action"]
-    densities = _by_torch(load_weights("carl"), "cpu")(asked)
+    densities = densities_by_torch(load_weights("carl"), "cpu")(asked)
     its = [2.0 * betaincinv(a, b, p) - 1.0 for (a, b), p in zip(densities, asked["draw"], strict=True)]
     assert np.abs(its).max() > 0.1
     assert np.abs(mine - its).max() < 1e-4

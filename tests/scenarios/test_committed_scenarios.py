@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from simworld import simulation
 
+from tsbench.cli.train import plates_of
 from tsbench.core.benchmark import MAPS, VARIANTS_OF
 from tsbench.core.seeds import seed_of
-from tsbench.learn.code_counts import plates_of
 from tsbench.make.city import load_city
 from tsbench.make.scenes import verify
-from tsbench.make.scenes.build import APART_M, stratum_of
+from tsbench.make.scenes.build import APART_M
 from tsbench.make.scenes.map_scenarios import LESS_TRAFFIC
-from tsbench.make.scenes.recipe import load_recipe
+from tsbench.make.scenes.recipe import load_recipe, stratum_of
 from tsbench.make.scenes.split import split_pool
 from tsbench.make.scenes.variants import variants_of
 from tsbench.make.scenes.verify import verify_rows, verify_split

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, sha256_of, write_json
@@ -20,11 +20,12 @@ from tsbench.core.paths import OWN_CITY
 from tsbench.core.textfile import read_json
 from tsbench.core.typed import read_typed
 from tsbench.make.city import chosen_city
-from tsbench.make.scenes.build import Progress, TypeReport
-from tsbench.make.scenes.city_build import build_city
 from tsbench.make.seeds import secret_sha256, using_secret
 from tsbench.run.edition import contract_now, edition_now
 from tsbench.scenarios.data_set import DataSet
+
+if TYPE_CHECKING:
+    from tsbench.make.scenes.build import Progress, TypeReport
 
 SCHEMA_VERSION: Literal[1] = 1
 _SEAL = "seal.json"
@@ -65,6 +66,8 @@ def make_secret(path: Path) -> None:
 
 def build_sealed(types: Sequence[str], osm: Path, secret: Path, workers: int, progress: Progress) -> list[TypeReport]:
     """As `build_city`, drawn with a secret. Raises InputError where what is there was drawn with another, or none."""
+    from tsbench.make.scenes.build import build_city  # brings pyosmium and SUMO
+
     place, digest = DataSet.in_use().folder / _SEAL, secret_sha256(secret)
     if place.is_file():
         if read_json(place, "seal").get("secret_sha256") != digest:

@@ -17,6 +17,8 @@ from tsbench.make.maps import overpass
 from tsbench.make.maps.extracts import find_extract
 from tsbench.make.maps.names import ending_of
 from tsbench.make.maps.paths import sources_dir
+from tsbench.make.maps.stats import draw_pool
+from tsbench.make.scenes.overview import build_report, carried, report_file
 from tsbench.make.scenes.recipe import load_recipes
 from tsbench.run.edition import edition_now
 from tsbench.scenarios.data_set import DataSet
@@ -57,8 +59,6 @@ def list_() -> None:
 @options.osm
 def show(png: Path | None, streets: bool, rose: Path | None, osm_dir: Path | None) -> None:
     """The extracts of a city, its maps, and which types it carries: on how many maps, and why not on more."""
-    from tsbench.make.maps.stats import draw_pool
-
     data = DataSet.in_use()
     found = chosen_city()
     click.echo(found.title)
@@ -188,7 +188,7 @@ def fetch(name: str, osm_dir: Path | None) -> None:
 @options.workers
 def build(types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Build a city's data set: pool, pairs of every type in dev and test, certificates. Resumable."""
-    from tsbench.make.scenes.city_build import build_city
+    from tsbench.make.scenes.build import build_city
 
     data = DataSet.in_use()
     chosen, found = options.types_of(data, types), chosen_city()
@@ -214,9 +214,6 @@ def write_surfaces(osm_dir: Path | None) -> None:
 
 def _show_types(city: City, pool: list[PoolRow], types: tuple[str, ...] = ()) -> None:
     """What a city carries."""
-    from tsbench.make.scenes.city_build import carried
-    from tsbench.make.scenes.overview import build_report, report_file
-
     recipes = load_recipes(DataSet.in_use().catalog, types)
     found = carried(city, pool, recipes, build_report() if report_file().is_file() else [])
     rows = [(c.type_id, c.split, f"{c.there:,}", f"{c.maps} of {c.wanted}", c.why) for c in found]

@@ -20,8 +20,16 @@ from typing import TYPE_CHECKING
 
 from tsbench.core.errors import InputError
 from tsbench.core.extras import install_command
+from tsbench.core.xmlfile import sha256
+from tsbench.run import edition
+from tsbench.run.contract import SCORING
+from tsbench.scenarios.certificates import bases, certificates_of
 from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.map_pool import known_map_ids
+from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.store import SceneStore, store_path
+from tsbench.scenarios.table import SPLITS
 
 if TYPE_CHECKING:
     from packaging.requirements import Requirement
@@ -164,7 +172,7 @@ def check_packages() -> Iterator[Diagnosis]:
         return
     lock = Path(__file__).resolve().parents[2] / "requirements.lock"
     pins = locked(lock.read_text(encoding="utf-8")) if lock.is_file() else []
-    yield from judge_packages(asked, pins, installed(_names((*asked, *pins))))
+    yield from judge_packages(asked, pins, installed(r.name for r in _requirements((*asked, *pins))))
 
 
 def locked(text: str) -> list[str]:
@@ -174,11 +182,9 @@ def locked(text: str) -> list[str]:
 
 def judge_packages(asked: Iterable[str], pins: Sequence[str], there: Mapping[str, str]) -> Iterator[Diagnosis]:
     """asked: requirement lines with markers; pins: of a clone's lock file. there: version by package name."""
-    from packaging.requirements import Requirement
-
-    core, extras = list[Requirement](), dict[str, list[Requirement]]()
-    for line in asked:
-        requirement = Requirement(line)
+    core: list[Requirement] = []
+    extras: dict[str, list[Requirement]] = {}
+    for requirement in _requirements(asked):
         marker = str(requirement.marker or "")
         extra = marker.partition('extra == "')[2].partition('"')[0]
         (extras.setdefault(extra, []) if extra else core).append(requirement)
@@ -194,7 +200,7 @@ def judge_packages(asked: Iterable[str], pins: Sequence[str], there: Mapping[str
         text = f"extra {extra}: " + (f"lacks {', '.join(wrong)}" if wrong else "complete")
         remedy = f"only if you need it: pip install 'tsbench[{extra}]'" if wrong else ""
         yield Diagnosis(Status.NOTE if wrong else Status.OK, "packages", text, remedy)
-    pinned = [r for r in map(Requirement, pins) if r.marker is None or r.marker.evaluate()]
+    pinned = [r for r in _requirements(pins) if r.marker is None or r.marker.evaluate()]
     known = [r for r in pinned if r.name in there]
     apart = [r for r in known if not r.specifier.contains(there[r.name], prereleases=True)]
     other = [f"{r.name} {there[r.name]} instead of {r.specifier}" for r in apart]
@@ -214,10 +220,10 @@ def _unmet(wanted: Iterable[Requirement], there: Mapping[str, str]) -> list[str]
     return found
 
 
-def _names(lines: Iterable[str]) -> list[str]:
+def _requirements(lines: Iterable[str]) -> list[Requirement]:
     from packaging.requirements import Requirement
 
-    return [Requirement(line).name for line in lines]
+    return list(map(Requirement, lines))
 
 
 SAMPLE = 200
@@ -239,8 +245,7 @@ def check_sumo() -> Iterator[Diagnosis]:
 
 def simulate() -> None:
     """Load the first scene of the test split and step it for a second; prints what it did."""
-    from tsbench.scenarios.scene_loader import load_scene
-    from tsbench.sim.sumo import Simulation
+    from tsbench.sim.sumo import Simulation  # brings SUMO
 
     try:
         data = DataSet.in_use()
@@ -256,9 +261,6 @@ def simulate() -> None:
 
 def check_data() -> Iterator[Diagnosis]:
     """Catalogue, pool and tables can be read; all scene files are there, and a sample has the hashes of its rows."""
-    from tsbench.scenarios.map_pool import known_map_ids
-    from tsbench.scenarios.table import SPLITS
-
     data = DataSet.in_use()
     catalog, maps = data.catalog, known_map_ids(data.pool_path)
     signs = f"{len(catalog.signs)} signs, {len(catalog.types)} types, {len(maps)} maps"
@@ -280,10 +282,6 @@ def check_data() -> Iterator[Diagnosis]:
 
 def check_edition() -> Iterator[Diagnosis]:
     """Are rules, scenes, code and versions those that were released, and are the certificates those of the rows?"""
-    from tsbench.run import edition
-    from tsbench.run.contract import SCORING
-    from tsbench.scenarios.certificates import bases, certificates_of
-
     data = DataSet.in_use()
     earlier = edition.earlier_splits(data)
     for split in data.splits:
@@ -330,9 +328,6 @@ def check_edition() -> Iterator[Diagnosis]:
 
 def _files(data: DataSet, split: str, rows: list[ScenarioSpec]) -> Diagnosis:
     """All files that the rows name are in the stores, and a sample of them has the rows' hashes."""
-    from tsbench.core.xmlfile import sha256
-    from tsbench.scenarios.store import SceneStore, store_path
-
     store, table = SceneStore(data), f"{split}.parquet"
     folder = data.file(f"scenarios/scenes/{split}")
     if not folder.is_dir():

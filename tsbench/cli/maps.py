@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -11,11 +10,9 @@ from tsbench.cli import options
 from tsbench.cli.console import bars, print_notes, print_table
 from tsbench.make.city import chosen_city
 from tsbench.make.maps import overpass, paths
+from tsbench.make.maps.stats import CountTable, count_tables, draw_pool
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import read_pool
-
-if TYPE_CHECKING:
-    from tsbench.make.maps.stats import CountTable
 
 
 @click.group()
@@ -54,7 +51,6 @@ def convert(extract: Path, out: Path) -> None:
 def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
     """Harvest all extracts of a folder into the pool. Interrupted, it goes on where it was."""
     from tsbench.make.maps.harvest import harvest as run_harvest
-    from tsbench.make.maps.stats import count_tables
 
     target = out or paths.made_pool()
     report = target.with_name("harvest.json")
@@ -74,8 +70,6 @@ def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
 @options.png("Draw a map with every crop as a dot.")
 def stats(pool_path: Path | None, png: Path | None) -> None:
     """Count the pool by family, shape, lanes, curvature, length and source."""
-    from tsbench.make.maps.stats import count_tables, draw_pool
-
     pool = read_pool(pool_path or DataSet.in_use().pool_path)
     _print_counts(count_tables(pool))
     if png is not None:

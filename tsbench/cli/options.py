@@ -16,6 +16,7 @@ from tsbench.episode.perception_level import EXACT
 from tsbench.planners.registry import names as registered
 from tsbench.run.arguments import Option as Known
 from tsbench.run.arguments import options_in
+from tsbench.run.log.manifest import city_of, read_manifest
 from tsbench.run.plan import choose_types, types_and_groups
 from tsbench.run.run_options import RunOptions
 from tsbench.scenarios.data_set import DataSet
@@ -99,8 +100,6 @@ def _made_city(_context: click.Context, _parameter: click.Parameter, name: str |
 
 def of_their_city(_context: click.Context, _parameter: click.Parameter, runs: Any) -> Any:
     """Use the data set that the run folders given, if any, are of. Raises InputError where they are of several."""
-    from tsbench.run.log.manifest import city_of, read_manifest
-
     found = [read_manifest(folder) for folder in (runs if isinstance(runs, tuple) else (runs,)) if folder is not None]
     cities = {city_of(manifest) for manifest in found if manifest is not None}
     if len(cities) > 1:

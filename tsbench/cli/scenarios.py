@@ -17,8 +17,11 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
 from tsbench.make.certify.recertify import draw_sample, recertify
 from tsbench.make.maps.paths import sources_dir
+from tsbench.make.pages.dataset_tables import axes_table, dataset_page, dataset_tables, tagging_table
 from tsbench.make.scenes.axes import type_axes
+from tsbench.make.scenes.overview import build_report, shown_reason, type_stats
 from tsbench.make.scenes.place_lint import finding_counts, lint_rows
+from tsbench.make.scenes.tagging import tagging
 from tsbench.make.scenes.verify import verify_certificates, verify_pairs, verify_rows, verify_split
 from tsbench.metrics.calibration import calibrate, driven_speeds, grid_speeds, sample_rows
 from tsbench.report.analyses.analysis import to_csv
@@ -64,7 +67,6 @@ def scenarios() -> None:
 def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Fill each type's quotas from the pool: tables, scene files and certificates. Resumable."""
     from tsbench.make.scenes.build import BuildRequest, build_scenarios
-    from tsbench.make.scenes.overview import shown_reason
 
     data = DataSet.in_use()
     chosen, root = options.types_of(data, types), data.folder / "scenarios"
@@ -202,10 +204,6 @@ def lint(types: tuple[str, ...], split: str | None, each: int | None) -> None:
 )
 def stats(markdown: Path | None) -> None:
     """Rows, maps, unique places, certificates, distinct values per axis, tagging and quotas per type and split."""
-    from tsbench.make.pages.dataset_tables import axes_table, dataset_page, dataset_tables, tagging_table
-    from tsbench.make.scenes.overview import build_report, type_stats
-    from tsbench.make.scenes.tagging import tagging
-
     rows = options.rows_of(DataSet.in_use(), None)
     counted, quotas = dataset_tables(type_stats(rows), build_report())
     with bars() as show:

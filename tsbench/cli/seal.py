@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from tsbench.board.seal import build_sealed, commitments, make_secret, problems, read_commitments, write_commitments
 from tsbench.cli import options
 from tsbench.cli.console import bars
 from tsbench.core.errors import TsbenchError
@@ -26,8 +27,6 @@ def seal() -> None:
 @click.argument("file", type=options.FILE)
 def secret(file: Path) -> None:
     """Make a secret. Who has it can make the scenes: keep it to yourself until they are published."""
-    from tsbench.board.seal import make_secret
-
     make_secret(file)
     click.echo(f"{file}: a secret of 256 bits")
 
@@ -40,8 +39,6 @@ def secret(file: Path) -> None:
 @options.workers
 def build(secret: Path, types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Build the city NAME's data set as `tsbench city build` does, drawn with a secret. Resumable."""
-    from tsbench.board.seal import build_sealed
-
     data = DataSet.in_use()
     chosen = options.types_of(data, types)
     with bars() as show:
@@ -54,8 +51,6 @@ def build(secret: Path, types: tuple[str, ...], osm_dir: Path | None, workers: i
 @options.out("The file to publish.", type=options.FILE, required=True)
 def commit(out: Path) -> None:
     """Write down the hashes of a sealed data set and of its secret: what is published before the scenes are."""
-    from tsbench.board.seal import commitments, write_commitments
-
     found = commitments()
     write_commitments(found, out)
     rows = ", ".join(f"{split} {sum(counts.values()):,} rows" for split, counts in found.rows.items())
@@ -67,8 +62,6 @@ def commit(out: Path) -> None:
 @click.option(_SECRET, type=options.FILE, help="The secret, once it is published.")
 def check(file: Path, secret: Path | None) -> None:
     """Are the scenes that are here those that were committed to? Exit code 1 where they are not."""
-    from tsbench.board.seal import problems, read_commitments
-
     published = read_commitments(file)
     options.use_city(published.name)
     found = problems(published, secret)

@@ -1,5 +1,6 @@
 """`tsbench signs`: the sign catalogue in words and pictures."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import click
@@ -7,7 +8,10 @@ from rich.console import Console
 
 from tsbench.cli import options
 from tsbench.cli.console import show_analysis
+from tsbench.report.analyses.analysis import Analysis, Row, Table
+from tsbench.report.analyses.columns import count_columns, number_columns, text_columns
 from tsbench.scenarios.data_set import DataSet
+from tsbench.signs.catalog import Catalog
 from tsbench.signs.countries import Country, load_countries, write_csv
 from tsbench.signs.listing import countries_table, country_table, sign_page, sign_table
 
@@ -68,7 +72,35 @@ def show_equivalents(country: Country | None, path: Path | None, out: Path | Non
         write_csv(catalog, countries, path)
         click.echo(str(path))
     if out is not None:
-        from tsbench.make.pages.sign_pages import countries_analysis, country_analysis
+        of_one = None if country is None else _country_analysis(catalog, country)
+        show_analysis(of_one or _countries_analysis(countries), out, printed=False)
 
-        of_one = None if country is None else country_analysis(catalog, country)
-        show_analysis(of_one or countries_analysis(countries), out, printed=False)
+
+def _countries_analysis(countries: Sequence[Country]) -> Analysis:
+    columns = (
+        *text_columns("country", "name", "numbering"),
+        *count_columns(equivalents="with\nequivalent", signs="signs"),
+        *number_columns(0, share="share\n%", published="published\n%"),
+        *count_columns("checked"),
+    )
+    rows = tuple(
+        Row((c.code, c.name_en, c.numbering, c.count, c.known, c.percent, c.published_percent, c.checked))
+        for c in countries
+    )
+    notes = (
+        "with equivalent: signs by which the country tells a driver the same; published: the share that the reference "
+        "quotes; checked: entries found in a source",
+    )
+    title = f"Country equivalents of {len(countries[0].equivalents)} signs"
+    return Analysis("countries", title, "", Table(columns, rows, 3), notes)
+
+
+def _country_analysis(catalog: Catalog, country: Country) -> Analysis:
+    keys = ("sign", "name", "equivalent", "source", "remark")
+    rows = []
+    for sign, entry in country.equivalents.items():
+        checked, note = "checked" if entry.checked else "memory", entry.reason or entry.note or ""
+        rows.append(Row((sign, catalog.sign(sign).name_en, entry.code, checked, note)))
+    title = f"{country.name_en}: {country.count} of {country.known} signs have an equivalent"
+    columns = text_columns(*keys)
+    return Analysis(f"country-{country.code}", title, "", Table(columns, tuple(rows), 5), (country.numbering,))

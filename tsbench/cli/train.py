@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -16,7 +16,6 @@ from tsbench.cli.options import POSITIVE, Option, Words, several
 from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
 from tsbench.episode.perception_level import load_level
-from tsbench.learn.code_counts import count, write_counts
 from tsbench.learn.finetune.recipe import FineTuning, finetune_drives
 from tsbench.learn.imitation.frames_store import TrainingResources
 from tsbench.learn.imitation.recipe import ImitationRecipe, validation_rows
@@ -28,6 +27,16 @@ from tsbench.planners.weights import Network, network
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
+
+if TYPE_CHECKING:
+    from tsbench.learn.imitation.task import ImitationTask
+from collections import Counter
+from collections.abc import Iterable, Mapping
+
+from tsbench.core.files import write_atomic
+from tsbench.planners.floor.codes import Plate
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import CONTRAST, SIGNED
 
 _NOT_NEGATIVE = click.IntRange(min=0)
 _cache_gb = click.option(
@@ -91,13 +100,12 @@ def carl(**asked: Any) -> None:
 
 
 def _train(planner: str, out: Path, **asked: Any) -> None:
-    from tsbench.learn.rl.ppo_config import Job
-    from tsbench.learn.rl.ppo_training import train as learn  # brings torch
+    from tsbench.learn.rl import ppo_training  # brings torch
 
-    job = Job(planner, out, **asked)
+    job = ppo_training.Job(planner, out, **asked)
     # Its processes read the rows themselves; what they lack is said before they start.
     _train_rows(job.types)
-    _tell(out, learn(job, click.echo))
+    _tell(out, ppo_training.train(job, click.echo))
 
 
 @train.command(short_help="Imitation of sign-blind driving by a transformer.")
@@ -121,10 +129,15 @@ def plant2(
 ) -> None:
     """Imitation of sign-blind driving; writes plant2.safetensors and plant2.json."""
     from tsbench.learn.imitation.task import imitation  # brings torch
-    from tsbench.learn.imitation.trainer import train as learn
 
     recipe = ImitationRecipe(drivers=planners, types=types, **figures)
-    _tell(out, learn(imitation(recipe, _train_rows(types)), _resources(out, device, workers, cache_gb), click.echo))
+    _learn(imitation(recipe, _train_rows(types)), out, device, workers, cache_gb)
+
+
+def _learn(task: ImitationTask, out: Path, *resources: Any) -> None:
+    from tsbench.learn.imitation.trainer import train as learn
+
+    _tell(out, learn(task, _resources(out, *resources), click.echo))
 
 
 def _lessons(drives: int, out: str) -> Option:
@@ -179,10 +192,9 @@ def plant2_ft(device: str, workers: int, cache_gb: float, out: Path, **asked: An
     With --mask-signs they are plant2-blind.safetensors and plant2-blind.json.
     """
     from tsbench.learn.finetune.task import fine_tuning  # brings torch
-    from tsbench.learn.imitation.trainer import train as learn
 
     recipe, rows = _recipe(**asked)
-    _tell(out, learn(fine_tuning(recipe, rows), _resources(out, device, workers, cache_gb), click.echo))
+    _learn(fine_tuning(recipe, rows), out, device, workers, cache_gb)
 
 
 @train.command(short_help="Look at what plant2-ft is shown.")
@@ -210,7 +222,7 @@ def _recipe(
 @options.out("Where the counts go.", "runs/codes.csv", type=options.FILE)
 def codes(out: Path) -> None:
     """Which plates stand in signed and in contrast halves of the train split: all that the floor codes knows."""
-    write_counts(count(_train_rows(())), out)
+    write_counts(count_plates(_train_rows(())), out)
     click.echo(out)
 
 
@@ -286,3 +298,28 @@ def _tell(out: Path, made: Network) -> None:
     click.echo(f"weights   {out / made.weights.file} ({weights})")
     click.echo(f"facts     {out / made.name}.json")
     click.echo(f"curve     tensorboard --logdir {out / 'tensorboard'}")
+
+
+def plates_of(row: ScenarioSpec, loader: SceneLoader) -> tuple[Plate, ...]:
+    """Code and value of every plate of a row's scene, one entry a plate."""
+    return tuple((sign.code, sign.value) for sign in loader.layout(row)[1].signs)
+
+
+def count_plates(rows: Iterable[ScenarioSpec]) -> dict[Plate, tuple[int, int]]:
+    """Signed and contrast halves in which a plate stands, of rows that have a pair."""
+    loader = SceneLoader(DataSet.in_use())
+    there: dict[str, Counter[Plate]] = {SIGNED: Counter(), CONTRAST: Counter()}
+    for row in rows:
+        if row.pair_id:
+            there[row.half].update(set(plates_of(row, loader)))
+    every = sorted({*there[SIGNED], *there[CONTRAST]}, key=lambda plate: (plate[0], plate[1] or 0.0))
+    return {plate: (there[SIGNED][plate], there[CONTRAST][plate]) for plate in every}
+
+
+def write_counts(counted: Mapping[Plate, tuple[int, int]], path: Path) -> None:
+    """The file that the planner reads: code, value (km/h, empty for none), signed, contrast."""
+    lines = [
+        f"{code},{'' if value is None else f'{value:g}'},{signed},{contrast}"
+        for (code, value), (signed, contrast) in counted.items()
+    ]
+    write_atomic(path, "\n".join(["code,value,signed,contrast", *lines, ""]).encode("ascii"))

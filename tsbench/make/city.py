@@ -18,6 +18,7 @@ from tsbench.core.fetch import fetch_file
 from tsbench.core.files import sha256_of, write_atomic
 from tsbench.core.paths import LEFT, MIRRORED, checked_city, cities_folder, city_names, driven_as
 from tsbench.core.typed import SCHEMA, read_sheet
+from tsbench.make.maps import overpass
 from tsbench.make.maps.names import extracts_in, file_at
 from tsbench.make.maps.utm import UtmFrame
 from tsbench.scenarios.data_set import DataSet
@@ -180,8 +181,6 @@ def fetch_extracts(name: str, osm_dir: Path, on_progress: Callable[[str], None])
 
     Raises InputError where one cannot be had or is not the one that the city is made of; others stay.
     """
-    from tsbench.make.maps import overpass  # brings pyosmium, which who only runs need not have
-
     for extract in load_city(name).extracts:
         asked = overpass.is_address(extract.address)
         there = extracts_in(osm_dir, extract.name).get(extract.name)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from statistics import NormalDist
 
 import numpy as np
 import numpy.typing as npt
@@ -225,9 +226,8 @@ def _scaled(scale: float, d: Difference, alpha: float) -> float | None:
 
 def _noise_multiple() -> float:
     """How many standard errors a difference must have to be found with POWER (two-sided, normal)."""
-    from scipy.stats import norm
-
-    return float(norm.ppf(1 - ALPHA / 2) + norm.ppf(POWER))
+    normal = NormalDist()
+    return normal.inv_cdf(1 - ALPHA / 2) + normal.inv_cdf(POWER)
 
 
 def _flips_interval(won: Array, lost: Array, count: Array, macro: bool) -> tuple[float, float]:

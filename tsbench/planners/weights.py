@@ -66,13 +66,12 @@ def learned(
 
 def load_weights(name: str, folder: Path | None = None) -> Tensors:
     """All tensors of a network by name, as NumPy arrays; InputError unless the file has the size and hash it should."""
-    from safetensors import SafetensorError
-    from safetensors.numpy import load
+    import safetensors.numpy
 
     path, content = _content(name, folder)
     try:
-        tensors: Tensors = load(content)
-    except SafetensorError as error:
+        tensors: Tensors = safetensors.numpy.load(content)
+    except safetensors.SafetensorError as error:
         raise InputError(f"{path}: is no safetensors file ({error})") from None
     return tensors
 

@@ -18,8 +18,8 @@ from tsbench.core.parallel import Workers
 from tsbench.core.provenance import closure
 from tsbench.make.city import load_city
 from tsbench.make.scenes import build as build_module
-from tsbench.make.scenes.build import BuildRequest, TypeBuilder, TypeReport, _reason_class, build_scenarios, stratum_of
-from tsbench.make.scenes.recipe import Recipe, load_recipe
+from tsbench.make.scenes.build import BuildRequest, TypeBuilder, TypeReport, _reason_class, build_scenarios
+from tsbench.make.scenes.recipe import Recipe, load_recipe, stratum_of
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from planner_loop import World, load
 
+from tsbench.cli.train import count_plates, write_counts
 from tsbench.core.files import sha256_of
-from tsbench.learn.code_counts import count, write_counts
 from tsbench.planners.base import Control, Observation, SignView
 from tsbench.planners.floor import codes
 from tsbench.planners.floor.blind import Blind
@@ -116,7 +116,7 @@ def test_the_counts_that_it_drives_by_are_those_that_it_was_published_with() -> 
 def test_counts_are_those_of_the_scenes(tmp_path: Path) -> None:
     """Of one priority type; what is written is read again."""
     rows = [row for row in DataSet.in_use().table("train") if row.pair_type == "stop"]
-    found = count(rows)
+    found = count_plates(rows)
     assert of_priority(found) == {("2.5", None): PRIORITY["2.5", None]}
     write_counts(found, tmp_path / "codes.csv")
     assert read_counts(tmp_path / "codes.csv") == found

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+import numpy as np
 import torch
 from torch import nn
 
+from tsbench.geometry.polyline import Array
 from tsbench.learn.carl.raster import CHANNELS, MEASUREMENTS, PIXELS
+from tsbench.planners.batching import Records, check_device
+from tsbench.planners.weights import Tensors
 
 LATENT = 256
 _WIDE = 768
@@ -53,3 +59,22 @@ class CarlActor(nn.Module):
         """(n, 2, 2) both parameters, each above 1, of each action's density, which lies over -1..1."""
         raw: torch.Tensor = 1.0 + nn.functional.softplus(self.action(self.trunk(raster, measurements)))
         return raw.reshape(-1, 2, 2)
+
+
+def densities_by_torch(weights: Tensors, device: str) -> Callable[[Records], Array]:
+    """As `CarlEngine`, on a device; raises InputError where torch does not see it, RuntimeError for other weights."""
+    check_device(device)
+    net = CarlActor()
+    net.load_state_dict({key: torch.from_numpy(np.array(value)) for key, value in weights.items()})
+    net = net.to(device).eval()
+
+    def densities(records: Records) -> Array:
+        found = []
+        with torch.inference_mode():
+            # One at a time: convolutions of several rows round differently.
+            for k in range(len(records)):
+                seen = (np.array(records[name][k : k + 1]) for name in ("bev", "measurements"))
+                found.append(net(*(torch.from_numpy(x).to(device) for x in seen)).double().cpu().numpy())
+        return np.concatenate(found)
+
+    return densities

@@ -17,8 +17,8 @@ from tsbench.learn.networks.fixed_point import BITS, Linear, snap
 from tsbench.learn.networks.quantiles import beta_quantile
 from tsbench.learn.rl.two_actions import ACTIONS, DRAW, LearnedPlanner
 from tsbench.planners.base import Observation, PlannerContext
-from tsbench.planners.batching import Infer, Records, check_device
-from tsbench.planners.weights import Tensors, fitted
+from tsbench.planners.batching import Infer, Records
+from tsbench.planners.weights import fitted
 
 _FULL = 255
 # Measurements are about -1..1; what is beyond is cut, which bounds all that follows.
@@ -78,9 +78,13 @@ class Carl(LearnedPlanner):
     @staticmethod
     def network(device: str, folder: Path | None = None) -> Infer:
         """The CNN: by the engine on a CPU, by torch on a GPU."""
-        densities = fitted(
-            WEIGHTS, folder, lambda weights: CarlEngine(weights) if device == "cpu" else _by_torch(weights, device)
-        )
+        densities: Callable[[Records], Array]
+        if device == "cpu":
+            densities = fitted(WEIGHTS, folder, CarlEngine)
+        else:
+            from tsbench.learn.carl.carl_network import densities_by_torch
+
+            densities = fitted(WEIGHTS, folder, lambda weights: densities_by_torch(weights, device))
 
         def infer(records: Records) -> Records:
             answers = np.empty(len(records), dtype=ACTIONS)
@@ -99,25 +103,3 @@ class Carl(LearnedPlanner):
 
     def fill(self, record: Records, observation: Observation) -> None:
         record["bev"][0], record["measurements"][0] = self._encoder.encode(observation)
-
-
-def _by_torch(weights: Tensors, device: str) -> Callable[[Records], Array]:
-    import torch
-
-    check_device(device)
-    from tsbench.learn.carl.carl_network import CarlActor
-
-    net = CarlActor()
-    net.load_state_dict({key: torch.from_numpy(np.array(value)) for key, value in weights.items()})
-    net = net.to(device).eval()
-
-    def densities(records: Records) -> Array:
-        found = []
-        with torch.inference_mode():
-            # One at a time: convolutions of several rows round differently.
-            for k in range(len(records)):
-                seen = (np.array(records[name][k : k + 1]) for name in ("bev", "measurements"))
-                found.append(net(*(torch.from_numpy(x).to(device) for x in seen)).double().cpu().numpy())
-        return np.concatenate(found)
-
-    return densities

@@ -7,9 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-
 from tsbench.core.files import io_errors_as_input_errors, replacing
 from tsbench.make.city import chosen_city
 from tsbench.make.maps.extracts import by_preference, extract_info
@@ -102,8 +99,9 @@ def _table(
 
 def draw_pool(pool: Sequence[PoolRow], png: Path) -> None:
     """A map of the pool: one dot per crop, coloured by family; kilometres in the city's frame."""
+    from matplotlib.figure import Figure  # counts need no picture
+
     figure = Figure(figsize=(11, 11), layout="constrained")
-    FigureCanvasAgg(figure)
     axis = figure.add_subplot()
     frame = chosen_city().frame
     for family, colour in COLOURS.items():

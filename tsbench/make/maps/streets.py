@@ -14,6 +14,7 @@ from typing import Any
 import networkx
 import osmium
 import osmnx
+from matplotlib.figure import Figure
 
 from tsbench.core.files import io_errors_as_input_errors, replacing
 from tsbench.make.maps.osm import read_extract
@@ -100,13 +101,8 @@ def streets_of(name: str, graph: networkx.MultiDiGraph) -> Streets:
 
 def draw_bearings(graphs: Mapping[str, networkx.MultiDiGraph], path: Path) -> None:
     """A compass rose of street bearings for each network, by length, as a PNG."""
-    # Statistics need no pictures.
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     rows = -(-len(graphs) // _COLUMNS)
     figure = Figure(figsize=(4.0 * min(len(graphs), _COLUMNS), 4.4 * rows))
-    FigureCanvasAgg(figure)
     for k, (name, graph) in enumerate(graphs.items(), start=1):
         axes: Any = figure.add_subplot(rows, min(len(graphs), _COLUMNS), k, projection="polar")
         osmnx.plot.plot_orientation(

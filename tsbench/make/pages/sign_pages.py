@@ -2,14 +2,11 @@
 
 The sign-blind driver breaks the rule where the expert obeys it: a picture of the moment, and a short film of each. In
 the contrast half another drive is right, and the expert's own one from the signed half, repeated there, is wrong.
-
-The names of the signs in other countries come as tables (`countries_analysis`).
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
@@ -26,8 +23,6 @@ from tsbench.make.certify.pair import AnswerReplay
 from tsbench.make.scenes.recipe import load_recipe
 from tsbench.planners.base import Control
 from tsbench.planners.registry import LoadedPlanner, resolve
-from tsbench.report.analyses.analysis import Analysis, Row, Table
-from tsbench.report.analyses.columns import count_columns, number_columns, text_columns
 from tsbench.report.drawing.canvas import Image, PageSize
 from tsbench.report.film import render_gif
 from tsbench.report.page.page_format import environment
@@ -37,41 +32,8 @@ from tsbench.rules.monitor import Violation
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
-from tsbench.signs.catalog import Catalog
-from tsbench.signs.countries import Country
 from tsbench.signs.model import ScenarioType, Sign
 from tsbench.sim.world import DT_S
-
-
-def countries_analysis(countries: Sequence[Country]) -> Analysis:
-    columns = (
-        *text_columns("country", "name", "numbering"),
-        *count_columns(equivalents="with\nequivalent", signs="signs"),
-        *number_columns(0, share="share\n%", published="published\n%"),
-        *count_columns("checked"),
-    )
-    rows = tuple(
-        Row((c.code, c.name_en, c.numbering, c.count, c.known, c.percent, c.published_percent, c.checked))
-        for c in countries
-    )
-    notes = (
-        "with equivalent: signs by which the country tells a driver the same; published: the share that the reference "
-        "quotes; checked: entries found in a source",
-    )
-    title = f"Country equivalents of {len(countries[0].equivalents)} signs"
-    return Analysis("countries", title, "", Table(columns, rows, 3), notes)
-
-
-def country_analysis(catalog: Catalog, country: Country) -> Analysis:
-    keys = ("sign", "name", "equivalent", "source", "remark")
-    rows = []
-    for sign, entry in country.equivalents.items():
-        checked, note = "checked" if entry.checked else "memory", entry.reason or entry.note or ""
-        rows.append(Row((sign, catalog.sign(sign).name_en, entry.code, checked, note)))
-    title = f"{country.name_en}: {country.count} of {country.known} signs have an equivalent"
-    columns = text_columns(*keys)
-    return Analysis(f"country-{country.code}", title, "", Table(columns, tuple(rows), 5), (country.numbering,))
-
 
 EXPERT = "idm-e"
 # Where the blind baseline only gets stuck (before an obstacle, say), one who stops for nothing shows the rule broken.

@@ -19,16 +19,23 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.core.benchmark import MAPS
+from tsbench.core.errors import InputError
 from tsbench.core.files import write_json
 from tsbench.core.parallel import CachedResult, Workers, worker_processes
+from tsbench.core.paths import OWN_CITY
 from tsbench.core.provenance import closure, digest, versions
 from tsbench.make.city import chosen_city
+from tsbench.make.maps.ground import write_ground
+from tsbench.make.maps.harvest import harvest
+from tsbench.make.maps.paths import made_pool
 from tsbench.make.maps.source import kept_source
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.scenes.map_scenarios import MapScenarios, Prover, SiteBuilder
-from tsbench.make.scenes.recipe import Recipe, load_recipes
+from tsbench.make.scenes.overview import build_report, carried
+from tsbench.make.scenes.recipe import Recipe, load_recipes, stratum_of
 from tsbench.make.scenes.split import split_pool, with_places
 from tsbench.make.seeds import seed_of
+from tsbench.run.edition import editions, release_city
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates, write_certificates
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow, read_pool
@@ -81,15 +88,6 @@ class TypeReport:
     short: int
     reasons: dict[str, int]
     draws: dict[str, int]
-
-
-def stratum_of(row: PoolRow) -> str:
-    """The quota that a map counts for, as recipes name it."""
-    if row.family == "corridor":
-        return f"{row.shape}/{row.lane_bucket}"
-    if row.family == "dual_path":
-        return f"{row.slot}/{row.shape}"
-    return row.shape
 
 
 @lru_cache(maxsize=1)
@@ -278,3 +276,39 @@ def _write_report(root: Path, report: TypeReport) -> None:
     fresh = [e for e in kept if (e["type_id"], e["split"]) != (report.type_id, report.split)]
     entries = sorted([*fresh, asdict(report)], key=lambda e: (e["type_id"], e["split"]))
     write_json(path, entries, indent=1, sort_keys=True)
+
+
+def build_city(
+    types: tuple[str, ...],
+    osm: Path,
+    workers: int,
+    progress: Progress,
+    on_progress: Callable[[str], None] = lambda _: None,
+) -> list[TypeReport]:
+    """Build the data set of the city in use, of some types or () = all. Interrupted, it goes on where it was.
+
+    on_progress: gets a line for each thing in the extracts that was not taken as it is.
+
+    Raises InputError: an extract that is missing or another than the city's, or lies in another zone; no scenario.
+    """
+    city = chosen_city()
+    if city.name == OWN_CITY:
+        raise InputError(
+            f"{city.name} is the benchmark's own: tsbench maps harvest and tsbench scenarios build make its data set"
+        )
+    pool = made_pool()
+    for note in harvest(osm, pool, pool.with_name("harvest.json"), workers, progress).notes:
+        on_progress(note)
+    reports = build_scenarios(BuildRequest(types, osm, DataSet.in_use().folder / "scenarios", workers), progress)
+    if not any(DataSet.in_use().table(split) for split in DataSet.in_use().splits):
+        why = dict.fromkeys(
+            c.why for c in carried(city, read_pool(pool), load_recipes(DataSet.in_use().catalog, types), build_report())
+        )
+        raise InputError(
+            f"{city.name}: its {len(read_pool(pool)):,} maps carry no scenario: {next(iter(why))}"
+            f"{f', and {len(why) - 1} more reasons' if len(why) > 1 else ''} (tsbench city show {city.name})"
+        )
+    DataSet.in_use().write_editions(dict.fromkeys(DataSet.in_use().splits, editions()[-1].name))
+    release_city(DataSet.in_use(), city.title)
+    write_ground(osm)
+    return reports

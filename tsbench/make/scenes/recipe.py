@@ -13,6 +13,7 @@ from tsbench.core.benchmark import TEST_PER_TRAIN
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_file
 from tsbench.core.typed import read_sheet, typed
+from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.catalog import Catalog, ScenarioType
 
 _Few = Annotated[int, Meta(ge=1, le=20)]
@@ -140,3 +141,12 @@ def _named(where: str, kind: Any, value: object) -> Any:
 def recipe_types() -> tuple[str, ...]:
     """Types that have a recipe, sorted."""
     return tuple(sorted(p.stem for p in recipes_folder().glob("*.yaml")))
+
+
+def stratum_of(row: PoolRow) -> str:
+    """The quota that a map counts for, as recipes name it."""
+    if row.family == "corridor":
+        return f"{row.shape}/{row.lane_bucket}"
+    if row.family == "dual_path":
+        return f"{row.slot}/{row.shape}"
+    return row.shape

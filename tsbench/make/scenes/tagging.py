@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from tsbench.make.city import chosen_city
-from tsbench.make.scenes.build import stratum_of
-from tsbench.make.scenes.recipe import load_recipes
+from tsbench.make.scenes.recipe import load_recipes, stratum_of
 from tsbench.make.scenes.split import split_pool
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import read_pool
