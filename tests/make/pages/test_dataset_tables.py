@@ -54,8 +54,7 @@ def test_quotas_and_reasons() -> None:
 def test_the_page_counts_rows_by_split_and_shows_those_of_test() -> None:
     page = dataset_page(dataset_tables([STOP, replace(STOP, split="train", rows=800)], REPORT), "tables")
     assert "1,200 rows (test 400, train 800)" in page
-    assert "| stop | test | 400 |" in page
-    assert "| stop | train |" not in page
+    assert page.count("\n| stop | 400 | ") == 1
     assert "](tables/dataset-rows.csv)" in page
     assert "](tables/dataset-maps.csv)" in page
 

@@ -15,6 +15,8 @@ from tsbench.report.analyses.columns import count_columns, number_columns, text_
 
 _SAME = ("solvable", "tempting", "engaged", "sane")
 _SHARES = {"tagged": "tagged_share", **{name: name for name in _SAME}, "again": "reproduced"}
+# The columns of the page's own table: as many as are as wide as a page.
+_SHOWN = ("type", "rows", "pairs", "places", "tagged", "gap_s", "seen")
 
 
 def dataset_tables(stats: Sequence[TypeStats], report: Sequence[Mapping[str, Any]]) -> tuple[Analysis, Analysis]:
@@ -128,10 +130,14 @@ def dataset_page(tables: Sequence[Analysis], folder: str) -> str:
     """The page docs/dataset.md: the test split of the first table, and what stands in the files of all in `folder`."""
     head = "# The data set in figures\n\nMade by `tsbench scenarios stats --markdown docs/dataset.md`.\n"
     first, *others = tables
-    split = [column.key for column in first.table.columns].index("split")
-    rows = tuple(row for row in first.table.rows if row.cells[split] == "test")
-    parts = [head, to_markdown(replace(first, table=replace(first.table, rows=rows)))]
-    parts.append(f"The table shows the test split. All splits: {_link(first, folder)}.\n\n## More tables\n")
+    keys = [column.key for column in first.table.columns]
+    shown = [keys.index(key) for key in _SHOWN]
+    rows = tuple(
+        Row(tuple(row.cells[k] for k in shown)) for row in first.table.rows if row.cells[keys.index("split")] == "test"
+    )
+    test = Table(tuple(first.table.columns[k] for k in shown), rows, 1)
+    parts = [head, to_markdown(replace(first, table=test))]
+    parts.append(f"The table shows the test split. All splits and shares: {_link(first, folder)}.\n\n## More tables\n")
     for analysis in others:
         columns = ", ".join(column.head for column in analysis.table.columns)
         notes = "".join(f" {note.removesuffix('.')}." for note in analysis.notes if note)

@@ -27,8 +27,8 @@ T = TypeVar("T", bound=Counted)
 # The figures of SCD as tables call them.
 NAMES = {PAIRED: "paired SCD", SIGNED_ONES: "signed SCD", CONTRASTED: "contrast SCD"}
 SCD_NOTE = (
-    "SCD: sign-compliant and arrived, %, macro mean over types. Paired: pairs of which both halves are; signed, "
-    "contrast: the halves each by itself, by the pair's type; signed SCD is also over what has no pair"
+    "SCD: sign-compliant and arrived, %, macro mean over types. Paired: both halves passed; signed, "
+    "contrast: each half by itself, by the pair's type; signed SCD also counts scenes without a pair"
 )
 READINGS_NOTE = "strict: error outcomes count as failures; completed: without an error outcome (in either half)"
 INTERVAL_NOTE = "95 % interval (shares: effective sample size over places; other means: cluster bootstrap over places)"
