@@ -20,8 +20,7 @@ from tsbench.report.tables.run_ending import citation, examples, headline
 from tsbench.run.edition import contract_line
 from tsbench.run.listener import listeners_of
 from tsbench.run.log.folder import TABLES_TEXT
-from tsbench.run.log.read import read_run
-from tsbench.run.log.rescored import write_rescored
+from tsbench.run.log.read import read_run, write_rescored
 from tsbench.run.run_options import RunOptions
 from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import RunResult
