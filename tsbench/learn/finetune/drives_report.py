@@ -17,8 +17,8 @@ from tsbench.learn.finetune.targets import FAMILIES
 from tsbench.learn.imitation.drives import EpisodeDrive
 from tsbench.learn.imitation.frames_store import FrameStore, TrainingResources
 from tsbench.learn.plant2 import layout as at
+from tsbench.report.charts import GREY, GROUP_COLOURS, INK, PALE, save_chart
 from tsbench.report.drawing.paint import save_png
-from tsbench.report.tables.charts import GREY, GROUP_COLOURS, INK, PALE, save_chart
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import ScenarioType
 from tsbench.signs.model import GROUPS

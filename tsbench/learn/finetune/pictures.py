@@ -12,11 +12,9 @@ import shapely
 from tsbench.geometry.polyline import Array
 from tsbench.learn.plant2 import layout as at
 from tsbench.learn.plant2.vocabulary import Vocabulary
-from tsbench.report.drawing.canvas import STYLE, Camera, Image
-from tsbench.report.drawing.lettering import text_width, write
-from tsbench.report.drawing.paint import paint, sheet
+from tsbench.report.drawing.canvas import STYLE, Area, Body, Camera, Image, Line, Shape, dashes
+from tsbench.report.drawing.paint import paint, sheet, text_width, write
 from tsbench.report.drawing.scene_shapes import ego_body
-from tsbench.report.drawing.shapes import Area, Body, Line, Shape, dashes
 from tsbench.signs.model import ScenarioType
 
 _COLUMNS = 5
