@@ -12,8 +12,7 @@ import pytest
 
 from tsbench.learn.envs.drive_env import DriveEnv
 from tsbench.learn.envs.encoders import KINDS
-from tsbench.learn.envs.objects import ADDRESSED, SIGNS, AddressedLanes, ObjectsSeen
-from tsbench.learn.envs.scene_seen import FAR_M, PLATE, SceneSeen
+from tsbench.learn.envs.seen_tables import ADDRESSED, FAR_M, PLATE, SIGNS, AddressedLanes, ObjectsSeen, SceneSeen
 from tsbench.planners.base import SignView
 from tsbench.signs.model import OUTLINES
 

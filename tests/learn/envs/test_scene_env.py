@@ -13,7 +13,7 @@ from tsbench.core.errors import InputError
 from tsbench.learn.envs import GROUPS
 from tsbench.learn.envs.drive_env import DriveEnv
 from tsbench.learn.envs.reward import RewardSpec
-from tsbench.learn.envs.scene_seen import LANE, PLATE, POINTS, SceneSeen
+from tsbench.learn.envs.seen_tables import LANE, PLATE, POINTS, SceneSeen
 from tsbench.signs.model import Group
 
 FULL = np.array([1.0, 0.0], dtype=np.float32)

@@ -10,11 +10,9 @@ import pytest
 from learned_scenes import SPEED, Recorder, record, with_signs
 
 from tsbench.learn.plant2 import layout as at
-from tsbench.learn.plant2.planner_ft import SignTokeniser
-from tsbench.learn.plant2.route_alternatives import RouteAlternatives
-from tsbench.learn.plant2.sign_tokens import SignMemory, _Held, fill_signs
+from tsbench.learn.plant2.planner_ft import RouteAlternatives, SignTokeniser
+from tsbench.learn.plant2.sign_tokens import SignMemory, _Held, fill_signs, vocabulary_of, vocabulary_of_catalog
 from tsbench.learn.plant2.tokens import Tokeniser
-from tsbench.learn.plant2.vocabulary import vocabulary_of, vocabulary_of_catalog
 from tsbench.planners.base import Observation, SignView
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import EGO_LENGTH_M, Agents

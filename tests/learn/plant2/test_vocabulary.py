@@ -17,10 +17,9 @@ from learned_scenes import record, with_signs
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_root
 from tsbench.learn.plant2 import layout as at
-from tsbench.learn.plant2.planner_ft import SignTokeniser
-from tsbench.learn.plant2.route_alternatives import RouteAlternatives
+from tsbench.learn.plant2.planner_ft import RouteAlternatives, SignTokeniser
+from tsbench.learn.plant2.sign_tokens import READER, vocabulary_of, vocabulary_of_catalog
 from tsbench.learn.plant2.tokens import Tokeniser
-from tsbench.learn.plant2.vocabulary import READER, vocabulary_of, vocabulary_of_catalog
 from tsbench.planners.weights import load_weights, save_weights
 from tsbench.signs.catalog import load_catalog
 

@@ -1,7 +1,7 @@
 """Text and shapes into pixels with OpenCV, and pictures as PNG files.
 
-Fast: a frame of a film is a few dozen small shapes. The letters are DejaVu Sans (it comes with matplotlib), each piece rendered once, then
-blended.
+Fast: a frame of a film is a few dozen small shapes. The letters are DejaVu Sans (it comes
+with matplotlib), each piece rendered once, then blended.
 """
 
 from __future__ import annotations
