@@ -94,8 +94,8 @@ _DECISIONS = 1024
 class LearnedPlanner(ABC):
     """A planner whose network decides every third tick; what that means for the vehicle is worked out at each.
 
-    infer: answers (b,) records of `inputs` with (b,) records of `TWO_ACTIONS`, each as if it were alone, to the bit; None
-    = a network of its own, with the weights below `folder` (None: tsbench's).
+    infer: answers (b,) records of `inputs` with (b,) records of `TWO_ACTIONS`, each as if alone, to the bit; None =
+    a network of its own, with the weights below `folder` (None: tsbench's).
     """
 
     privileged = False
