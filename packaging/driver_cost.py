@@ -14,11 +14,10 @@ import ray.cluster_utils
 from run_helpers import HERE
 
 from tsbench.episode.perception_level import EXACTLY
-from tsbench.run.contract import contract_hash
+from tsbench.run.edition import contract_hash
 from tsbench.run.execution.executor import Limits
-from tsbench.run.execution.messages import Setup
+from tsbench.run.execution.messages import Setup, Task, TaskQueue
 from tsbench.run.execution.ray import RayExecutor
-from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog
 

@@ -20,8 +20,8 @@ from tsbench.geometry.polyline import Array
 from tsbench.planners import registry
 from tsbench.report.drawing.birds_eye import BirdsEye
 from tsbench.report.drawing.canvas import STYLE, Colour, Image, PageSize
-from tsbench.report.drawing.lettering import paste, text_width, write
-from tsbench.report.film import save_gif
+from tsbench.report.drawing.paint import paste, text_width, write
+from tsbench.report.scene_pictures import save_gif
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import ScenarioSpec

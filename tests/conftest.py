@@ -51,7 +51,7 @@ def pytest_collection_finish() -> None:
 @pytest.fixture(autouse=True)
 def same_order(monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs of a test's own process hand out episodes in one order, so that it ends the same each time."""
-    monkeypatch.setattr("tsbench.run.execution.task_queue._draw", random.Random(1).random)
+    monkeypatch.setattr("tsbench.run.execution.messages._draw", random.Random(1).random)
 
 
 @pytest.fixture(scope="session")

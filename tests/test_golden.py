@@ -1,6 +1,6 @@
 """Records, events and traces of some ninety episodes have the bytes that stand in golden.json.
 
-A difference is a change of scoring: raise `SCORING` in tsbench/run/contract.py, then `make golden`. Where the machine's
+A difference is a change of scoring: raise `SCORING` in tsbench/run/edition.py, then `make golden`. Where the machine's
 arithmetic is not that of the file, verdicts are compared in place of bytes.
 """
 
@@ -21,7 +21,7 @@ from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import write_trace
 from tsbench.planners.registry import names, resolve
 from tsbench.run import arithmetic
-from tsbench.run.contract import SCORING
+from tsbench.run.edition import SCORING
 from tsbench.run.log.record import make_record
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
@@ -90,7 +90,7 @@ def test_scoring_number_stands_for_these_bytes() -> None:
     assert now.keys() == then.keys(), "make golden"
     compared = slice(None) if golden["machine"] == machine() else slice(1)
     differ = [name for name in now if now[name][compared] != then[name][compared]]
-    assert not differ, "raise SCORING in tsbench/run/contract.py, then make golden"
+    assert not differ, "raise SCORING in tsbench/run/edition.py, then make golden"
 
 
 if __name__ == "__main__":

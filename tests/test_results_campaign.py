@@ -17,8 +17,7 @@ import tsbench
 from tsbench.cli.campaign import options_of, read_campaign
 from tsbench.core.paths import OWN_CITY
 from tsbench.episode.perception_level import EXACT
-from tsbench.run.contract import contract_hash
-from tsbench.run.edition import standing_contract
+from tsbench.run.edition import contract_hash, standing_contract
 from tsbench.run.log.manifest import read_manifest
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog

@@ -16,8 +16,15 @@ import tsbench
 from tsbench.cli.campaign import read_campaign
 from tsbench.core.paths import OWN_CITY, using_city
 from tsbench.report.analyses.failures import CAUSES
-from tsbench.run.contract import mirrored_contract
-from tsbench.run.edition import built_editions, edition_now, edition_of, editions, in_force, standing_contract
+from tsbench.run.edition import (
+    built_editions,
+    edition_now,
+    edition_of,
+    editions,
+    in_force,
+    mirrored_contract,
+    standing_contract,
+)
 from tsbench.run.log.read import StoredRun, read_run
 from tsbench.scenarios.data_set import DataSet
 

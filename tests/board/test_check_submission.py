@@ -13,8 +13,7 @@ from command_line import in_process
 from tsbench.board import check_submission as subject
 from tsbench.board.isolation.isolated_loading import SandboxedPlanner
 from tsbench.planners.check import Finding, Level
-from tsbench.run.contract import SCORING
-from tsbench.run.edition import LOCAL, in_force
+from tsbench.run.edition import LOCAL, SCORING, in_force
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.data_set import DataSet
 

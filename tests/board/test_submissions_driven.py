@@ -22,8 +22,7 @@ from tsbench.board.submission import read_submission
 from tsbench.board.verification import read_verification
 from tsbench.core.files import sha256_of
 from tsbench.core.paths import using_city
-from tsbench.run.contract import contract_hash
-from tsbench.run.edition import LOCAL, edition_here
+from tsbench.run.edition import LOCAL, contract_hash, edition_here
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog
 

@@ -13,9 +13,9 @@ from PIL import Image
 from run_builders import CONTRACT, episode, episodes, failed, lost, make_run
 
 from tsbench.report.analyses import columns
-from tsbench.report.analyses.analyses_by_name import analyse_runs
 from tsbench.report.analyses.analysis import ALL, write_analysis
 from tsbench.report.analyses.correlations import metric_mean
+from tsbench.report.analyses.run_analyses import analyse_runs
 from tsbench.report.analyses.run_pool import read_pool
 from tsbench.signs.catalog import load_catalog
 
@@ -26,8 +26,8 @@ KINDS = ("main", "types", "intervals", "failures", "correlations", "ablation")
 def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Drawing is what takes time, and the tests of figures draw them all."""
     # Imported now, it keeps the real one, also for the tests after this.
-    import_module("tsbench.report.tables.forest")
-    monkeypatch.setattr("tsbench.report.tables.charts.save_chart", lambda draw, *paths: None)
+    import_module("tsbench.report.forest")
+    monkeypatch.setattr("tsbench.report.charts.save_chart", lambda draw, *paths: None)
 
 
 @pytest.fixture

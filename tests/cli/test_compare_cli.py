@@ -12,7 +12,7 @@ from PIL import Image
 from run_builders import CONTRACT, episodes, failed, level, lost, make_run
 
 from tsbench.core.paths import data_file
-from tsbench.report.tables.compare_runs import find_side
+from tsbench.report.compare_runs import find_side
 from tsbench.run.edition import in_force
 from tsbench.run.log.read import read_run
 from tsbench.scenarios.data_set import DataSet

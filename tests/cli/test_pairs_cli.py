@@ -16,8 +16,8 @@ from command_line import in_process
 from run_builders import episodes, failed, lost, make_run, pairs
 
 from tsbench.metrics.scd_records import PARTS
-from tsbench.report.analyses.analyses_by_name import OF_POOL, analyse_runs
 from tsbench.report.analyses.analysis import write_analysis
+from tsbench.report.analyses.run_analyses import OF_POOL, analyse_runs
 from tsbench.run.log.read import read_run
 from tsbench.run.log.schema import LATER
 from tsbench.run.log.tables import file_hashes
@@ -31,8 +31,8 @@ def analyse(
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
     # Imported now, it keeps the real one, also for the tests after this.
-    import_module("tsbench.report.tables.forest")
-    monkeypatch.setattr("tsbench.report.tables.charts.save_chart", lambda draw, *paths: None)
+    import_module("tsbench.report.forest")
+    monkeypatch.setattr("tsbench.report.charts.save_chart", lambda draw, *paths: None)
     run = in_process("analyse", capsys)
 
     def table(name: str, *runs: str) -> list[dict[str, str]]:

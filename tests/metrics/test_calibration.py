@@ -23,7 +23,7 @@ from tsbench.metrics.calibration import (
     sample_rows,
 )
 from tsbench.report.analyses.traffic_calibration import calibration
-from tsbench.report.tables.charts import save_chart
+from tsbench.report.charts import save_chart
 from tsbench.roads.lane_graph import Destination
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader

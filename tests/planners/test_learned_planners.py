@@ -14,8 +14,7 @@ from tsbench.cli.network_arithmetic import questions
 from tsbench.core.errors import InputError
 from tsbench.learn.carl.carl_planner import Carl
 from tsbench.learn.ppo.ppo_planner import Ppo
-from tsbench.learn.rl.actions import HOLD_TICKS, accelerate, aim, steer
-from tsbench.learn.rl.two_actions import LearnedPlanner
+from tsbench.learn.rl.actions import HOLD_TICKS, LearnedPlanner, accelerate, aim, steer
 from tsbench.planners.registry import resolve
 from tsbench.planners.weights import load_weights, save_weights
 

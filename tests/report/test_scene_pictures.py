@@ -20,11 +20,9 @@ from tsbench.episode.trace import Trace, read_trace, trace_path, write_trace
 from tsbench.report import episode_files as module
 from tsbench.report.drawing.birds_eye import BirdsEye
 from tsbench.report.drawing.canvas import STYLE, VIOLATION_SHADE, PageSize, camera_at, camera_over
-from tsbench.report.drawing.lettering import label, shorten, text_width, wrap
-from tsbench.report.drawing.paint import paint
+from tsbench.report.drawing.paint import label, paint, shorten, text_width, wrap
 from tsbench.report.drawing.scene_shapes import staged_bodies, start_shapes
-from tsbench.report.film import film
-from tsbench.report.scene_pictures import picture_kind, render_png, render_scene_png, scene_picture
+from tsbench.report.scene_pictures import film, picture_kind, render_png, render_scene_png, scene_picture
 from tsbench.signs.countries import load_country
 from tsbench.sim.scene import Obstacle, Scene, SceneFile
 

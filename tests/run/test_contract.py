@@ -14,9 +14,8 @@ from run_helpers import spec, specs
 
 from tsbench.core import provenance
 from tsbench.core.paths import data_root
-from tsbench.run import contract
-from tsbench.run.contract import contract_hash
-from tsbench.run.edition import contract_now, edition_here
+from tsbench.run import edition
+from tsbench.run.edition import contract_hash, contract_now, edition_here
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import Catalog, load_catalog
 
@@ -24,7 +23,7 @@ from tsbench.signs.catalog import Catalog, load_catalog
 def test_the_scoring_number_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     rows, catalog = specs(), load_catalog()
     before = contract_hash(rows, catalog)
-    monkeypatch.setattr(contract, "SCORING", contract.SCORING + 1)
+    monkeypatch.setattr(edition, "SCORING", edition.SCORING + 1)
     assert contract_hash(rows, catalog) != before
 
 
@@ -38,7 +37,7 @@ def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     git = ("git", "-c", "user.name=a", "-c", "user.email=a@b", "-C", str(tmp_path))
     for command in (("init", "-q"), ("add", "."), ("commit", "-q", "-m", "First")):
         subprocess.run([*git, *command], check=True, capture_output=True)
-    monkeypatch.setattr(contract, "_PACKAGE", package)
+    monkeypatch.setattr(edition, "_PACKAGE", package)
     forget()
     yield package
     monkeypatch.undo()
@@ -46,7 +45,7 @@ def clone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 def forget() -> None:
-    for known in (contract.code_is_local, contract.code_hash):
+    for known in (edition.code_is_local, edition.code_hash):
         known.cache_clear()
 
 
@@ -61,11 +60,11 @@ def forget() -> None:
     ids=["data", "code", "new", "copy"],
 )
 def test_a_clone_with_changes_is_local(clone: Path, edit: Callable[[Path], object]) -> None:
-    assert not contract.code_is_local()
+    assert not edition.code_is_local()
     assert edition_here(contract_now(DataSet.in_use(), "dev"), DataSet.in_use()) == DataSet.in_use().editions()["dev"]
     edit(clone)
     forget()
-    assert contract.code_is_local()
+    assert edition.code_is_local()
     assert (
         edition_here(contract_now(DataSet.in_use(), "dev"), DataSet.in_use())
         == f"{DataSet.in_use().editions()['dev']}+local"
@@ -75,24 +74,24 @@ def test_a_clone_with_changes_is_local(clone: Path, edit: Callable[[Path], objec
 def test_an_installed_package_is_compared_with_its_record(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     info = clone.parent / "tsbench-9.dist-info"
     info.mkdir()
-    hashes = {name: contract._recorded(clone / name) for name in ("__init__.py", "rules.yaml")}
+    hashes = {name: edition._recorded(clone / name) for name in ("__init__.py", "rules.yaml")}
     (info / "RECORD").write_text("".join(f"tsbench/{name},sha256={h},1\n" for name, h in hashes.items()))
     (info / "METADATA").write_text("Name: tsbench\nVersion: 9\n")
     shutil.rmtree(clone.parent / ".git")
-    monkeypatch.setattr(contract, "files", lambda _: PathDistribution(info).files)
-    assert not contract.code_is_local()
+    monkeypatch.setattr(edition, "files", lambda _: PathDistribution(info).files)
+    assert not edition.code_is_local()
     (clone / "rules.yaml").write_text("gap: 2.0\n")
     forget()
-    assert contract.code_is_local()
+    assert edition.code_is_local()
 
 
 def test_code_that_changes_is_seen(clone: Path) -> None:
-    stamps, before = contract.code_stamps(), contract.code_hash()
-    assert contract.code_stamps() == stamps
+    stamps, before = edition.code_stamps(), edition.code_hash()
+    assert edition.code_stamps() == stamps
     (clone / "rules.yaml").write_text("gap: 2.5\n")
-    assert contract.code_stamps() != stamps
-    contract.code_hash.cache_clear()
-    assert contract.code_hash() != before
+    assert edition.code_stamps() != stamps
+    edition.code_hash.cache_clear()
+    assert edition.code_hash() != before
 
 
 def changed(catalog: Catalog, code: str) -> Catalog:
@@ -126,7 +125,7 @@ def test_versions_count(monkeypatch: pytest.MonkeyPatch) -> None:
     for package in provenance.DECIDING:
         assert provenance.versions()[package]
         other = {**provenance.versions(), package: "0.0"}
-        monkeypatch.setattr(contract, "versions", lambda other=other: other)
+        monkeypatch.setattr(edition, "versions", lambda other=other: other)
         assert contract_hash(rows, catalog) != before
 
 

@@ -15,8 +15,8 @@ import tsbench
 from tsbench.cli.diagnosis import Status, check_edition
 from tsbench.core.paths import MIRRORED, OWN_CITY, SHIPPED_CITIES, using_city
 from tsbench.run import edition
-from tsbench.run.contract import SCORING
 from tsbench.run.edition import (
+    SCORING,
     Edition,
     contract_now,
     earlier_splits,

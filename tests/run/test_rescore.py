@@ -13,8 +13,7 @@ import pytest
 
 from tsbench.cli import main
 from tsbench.core.errors import InputError
-from tsbench.run.log.read import read_run
-from tsbench.run.log.rescored import NAME, read_rescored, write_rescored
+from tsbench.run.log.read import RESCORED, read_rescored, read_run, write_rescored
 from tsbench.run.rescore import Rescore, rescore
 from tsbench.scenarios.data_set import DataSet
 
@@ -163,10 +162,10 @@ def test_what_was_judged_has_to_be_what_is_there(copy: Path) -> None:
     write_rescored(copy, DataSet(), "f" * 64, 1, 0, 3)
     told = read_run(copy).rescored
     assert "under another contract (ffffffffffff): 1 of 1 episodes by their traces, 3 disagreements" in told
-    text = (copy / NAME).read_text()
-    (copy / NAME).write_text(text.replace(run.manifest["files"]["episodes.parquet"], "0" * 64))
+    text = (copy / RESCORED).read_text()
+    (copy / RESCORED).write_text(text.replace(run.manifest["files"]["episodes.parquet"], "0" * 64))
     assert read_run(copy).rescored.startswith("rescored before its tables were changed")
     for broken in ("[]", "{", json.dumps({"schema_version": 1}), "[" * 100_000):
-        (copy / NAME).write_text(broken)
+        (copy / RESCORED).write_text(broken)
         with pytest.raises(InputError, match=r"rescored\.json: (must be a mapping|cannot be read|.*missing)"):
             _ = read_run(copy).rescored

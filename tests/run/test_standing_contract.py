@@ -10,8 +10,7 @@ import yaml
 
 import tsbench
 from tsbench.run import edition
-from tsbench.run.contract import mirrored_contract
-from tsbench.run.edition import Edition, edition_of, editions, release, standing_contract
+from tsbench.run.edition import Edition, edition_of, editions, mirrored_contract, release, standing_contract
 from tsbench.scenarios.data_set import DataSet
 
 VERSION = tsbench.__version__

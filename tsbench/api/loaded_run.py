@@ -12,7 +12,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.episode.trace import find_trace, read_trace
 from tsbench.metrics.aggregate import summarise
-from tsbench.report.tables.compare_runs import match, side_of
+from tsbench.report.compare_runs import match, side_of
 from tsbench.run.arguments import keywords, path_of
 from tsbench.run.log.manifest import marks_of
 from tsbench.run.log.read import read_run

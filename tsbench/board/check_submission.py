@@ -20,8 +20,7 @@ from tsbench.planners.check import Finding, Level
 from tsbench.planners.registry import comes_with_tsbench
 from tsbench.run import opened_files
 from tsbench.run.check_planner import choose, of_results
-from tsbench.run.contract import SCORING
-from tsbench.run.edition import LOCAL, contract_now, edition_here, standing_contract
+from tsbench.run.edition import LOCAL, SCORING, contract_now, edition_here, standing_contract
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader

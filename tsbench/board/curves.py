@@ -9,8 +9,8 @@ from markupsafe import Markup
 from matplotlib.figure import Figure as Drawing
 
 from tsbench.board.submission import Figure
-from tsbench.report.tables.charts import GREY, GROUP_COLOURS, INK, inline_svg
-from tsbench.report.tables.forest import ForestRow, Mark, draw_rows
+from tsbench.report.charts import GREY, GROUP_COLOURS, INK, inline_svg
+from tsbench.report.forest import ForestRow, Mark, draw_rows
 
 # Inches of 72 points, which are 96 px: 340 px.
 _WIDTH, _HEIGHT = 3.54, 2.3

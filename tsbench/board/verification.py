@@ -22,12 +22,10 @@ from tsbench.core.textfile import read_json
 from tsbench.core.typed import typed
 from tsbench.planners.planner_spec import PlannerSpec
 from tsbench.run import arithmetic
-from tsbench.run.contract import code_is_local
-from tsbench.run.edition import LOCAL, contract_now, edition_of, standing_contract
+from tsbench.run.edition import LOCAL, code_is_local, contract_now, edition_of, standing_contract
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import make_executor
-from tsbench.run.execution.messages import ISOLATED, Setup
-from tsbench.run.execution.task_queue import Task, TaskQueue
+from tsbench.run.execution.messages import ISOLATED, Setup, Task, TaskQueue
 from tsbench.run.log.manifest import machine
 from tsbench.run.log.record import Record
 from tsbench.run.planner_info import PlannerInfo

@@ -44,10 +44,9 @@ import tsbench
 from tsbench.core.files import io_errors_as_input_errors, replacing
 from tsbench.episode.trace import Trace
 from tsbench.geometry.polyline import Array
-from tsbench.report.drawing.canvas import ATTRIBUTION, STYLE
+from tsbench.report.drawing.canvas import ATTRIBUTION, STYLE, Area, Body, DrawnPlate, Line, Shape
 from tsbench.report.drawing.road_shapes import road_shapes
 from tsbench.report.drawing.scene_shapes import scene_shapes, tick_shapes
-from tsbench.report.drawing.shapes import Area, Body, DrawnPlate, Line, Shape
 from tsbench.report.wording import scene_facts, sign_words
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.rules.monitor import Violation

@@ -8,8 +8,8 @@ import click
 
 from tsbench.cli import options
 from tsbench.cli.console import show_analysis
-from tsbench.report.analyses.analyses_by_name import analyse_runs
 from tsbench.report.analyses.pages import refresh
+from tsbench.report.analyses.run_analyses import analyse_runs
 
 KINDS = {
     "main": "SCD (paired, signed, contrast) and conventional metrics of every planner, published figures below them.",

@@ -24,8 +24,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.text import written_out
 from tsbench.core.typed import read_typed
 from tsbench.episode.perception_level import EXACT
-from tsbench.report.analyses.analyses_by_name import analyse_runs
-from tsbench.report.analyses.main_table import campaign_table
+from tsbench.report.analyses.run_analyses import analyse_runs, campaign_table
 from tsbench.report.analyses.run_pool import read_pool
 from tsbench.run.log.folder import TRACES
 from tsbench.run.log.read import is_run

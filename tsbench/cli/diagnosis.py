@@ -22,7 +22,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.extras import install_command
 from tsbench.core.xmlfile import sha256
 from tsbench.run import edition
-from tsbench.run.contract import SCORING
+from tsbench.run.edition import SCORING
 from tsbench.scenarios.certificates import bases, certificates_of
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import known_map_ids

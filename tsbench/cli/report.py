@@ -13,8 +13,8 @@ from tsbench.cli import options
 from tsbench.cli.console import bars, table_console
 from tsbench.core.errors import InputError
 from tsbench.metrics.aggregate import name_holes
-from tsbench.report.tables.compare_runs import compare_runs, flips_csv, print_comparison
-from tsbench.report.tables.run_ending import GROUPINGS, failures_of, listing
+from tsbench.report.compare_runs import compare_runs, flips_csv, print_comparison
+from tsbench.report.run_ending import GROUPINGS, failures_of, listing
 from tsbench.run.log.read import is_run, read_run
 
 _LARGEST = "Largest size of the file; players are left out, violations last."
@@ -117,7 +117,7 @@ def compare(
         flips_csv(matched.comparison, csv)
         click.echo(f"flips     {csv}")
     if png is not None:
-        from tsbench.report.tables.forest import draw_forest  # brings matplotlib
+        from tsbench.report.forest import draw_forest  # brings matplotlib
 
         draw_forest(matched, png)
         click.echo(f"picture   {png}")

@@ -15,13 +15,12 @@ from tsbench.cli.console import print_table, table_console
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.streams import progress_console
 from tsbench.report.analyses.analysis import to_markdown
-from tsbench.report.analyses.main_table import run_tables
-from tsbench.report.tables.run_ending import citation, examples, headline
+from tsbench.report.analyses.run_analyses import run_tables
+from tsbench.report.run_ending import citation, examples, headline
 from tsbench.run.edition import contract_line
 from tsbench.run.listener import listeners_of
 from tsbench.run.log.folder import TABLES_TEXT
-from tsbench.run.log.read import read_run
-from tsbench.run.log.rescored import write_rescored
+from tsbench.run.log.read import read_run, write_rescored
 from tsbench.run.run_options import RunOptions
 from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import RunResult

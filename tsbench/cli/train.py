@@ -16,10 +16,10 @@ from tsbench.cli.options import POSITIVE, Option, Words, several
 from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
 from tsbench.episode.perception_level import load_level
-from tsbench.learn.finetune.recipe import FineTuning, finetune_drives
+from tsbench.learn.finetune.task import FineTuning, finetune_drives
 from tsbench.learn.imitation.frames_store import TrainingResources
 from tsbench.learn.imitation.recipe import ImitationRecipe, validation_rows
-from tsbench.learn.imitation.skill import drive, skill_of
+from tsbench.learn.imitation.task import drive, skill_of
 from tsbench.learn.oracle.trajectories import trajectories_path
 from tsbench.learn.plant2.planner_ft import StopPolicy
 from tsbench.metrics.intervals import share_ends

@@ -16,13 +16,12 @@ from tsbench.episode.perception_level import EXACTLY, Perception, load_level
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.finetune.obedient_frames import FinetuneSource, RecordedDrive, TakeoverDrive
 from tsbench.learn.finetune.targets import FinetuneSampling
-from tsbench.learn.imitation.drives import DriveResult, Drivers, PlannerDrive
-from tsbench.learn.imitation.frames import observations
+from tsbench.learn.imitation.frames import DriveResult, Drivers, PlannerDrive, observations
 from tsbench.learn.imitation.frames_store import plan_hash
 from tsbench.learn.oracle.trajectories import QuantisedPlanner, Recorded, fingerprints, steps_of
 from tsbench.learn.plant2 import layout as at
 from tsbench.learn.plant2.planner_ft import Plant2Ft
-from tsbench.learn.plant2.vocabulary import vocabulary_of
+from tsbench.learn.plant2.sign_tokens import vocabulary_of
 from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.base import PlannerContext
 from tsbench.planners.registry import resolve

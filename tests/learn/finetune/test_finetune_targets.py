@@ -12,7 +12,7 @@ from tsbench.episode.outcome import EpisodeFacts
 from tsbench.geometry.polyline import Polyline
 from tsbench.learn.finetune.obedient_frames import SIGN_FRAME
 from tsbench.learn.finetune.targets import FAMILIES, TARGET_SPECS, FinetuneSampling, SignTargets
-from tsbench.learn.imitation.drives import DriveResult
+from tsbench.learn.imitation.frames import DriveResult
 from tsbench.planners.base import Observation
 from tsbench.scenarios.scene_loader import Roads
 from tsbench.signs.catalog import load_catalog

@@ -15,8 +15,16 @@ import pytest
 from tsbench.core.errors import InputError, SimulationError
 from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.learn.imitation.drives import DriveResult, PlannerDrive
-from tsbench.learn.imitation.frames import FRAME, DrivenPath, Imitated, Sampling, frames_of, observations
+from tsbench.learn.imitation.frames import (
+    FRAME,
+    DrivenPath,
+    DriveResult,
+    Imitated,
+    PlannerDrive,
+    Sampling,
+    frames_of,
+    observations,
+)
 from tsbench.learn.imitation.frames_store import FrameStore, ImitationSource, TrainingResources, make_chunk, plan_hash
 from tsbench.learn.plant2 import layout as at
 from tsbench.learn.plant2.tokens import Tokeniser

@@ -8,9 +8,20 @@ import numpy as np
 import pytest
 from scipy.special import betaincinv, erf, ndtri
 
-from tsbench.learn.networks.convolution import Convolution, GroupNorm
-from tsbench.learn.networks.fixed_point import BITS, LayerNorm, Linear, column_sums, gelu, snap, softmax, tanh, tree_sum
-from tsbench.learn.networks.quantiles import beta_quantile, normal_quantile
+from tsbench.learn.networks.fixed_point import (
+    BITS,
+    Convolution,
+    GroupNorm,
+    LayerNorm,
+    Linear,
+    column_sums,
+    gelu,
+    snap,
+    softmax,
+    tanh,
+    tree_sum,
+)
+from tsbench.learn.rl.actions import beta_quantile, normal_quantile
 
 RNG = np.random.default_rng(7)
 

@@ -14,9 +14,8 @@ import pytest
 
 from tsbench.core.errors import InputError, SimulationError
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.learn.envs.scene_seen import PLATE, SceneSeen
-from tsbench.learn.oracle.export import export
-from tsbench.learn.oracle.ticks import shapes
+from tsbench.learn.envs.seen_tables import PLATE, SceneSeen
+from tsbench.learn.oracle.export import export, shapes
 from tsbench.learn.oracle.trajectories import QuantisedPlanner, Recorded, fingerprints, steps_of, write_trajectories
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.scenarios.data_set import DataSet

@@ -15,9 +15,17 @@ from tsbench.core.errors import InputError
 from tsbench.learn.plant2 import layout as at
 from tsbench.learn.plant2.engine import Plant2Engine, target_speed_of
 from tsbench.learn.plant2.planner_ft import Plant2Ft
-from tsbench.learn.plant2.plant2_network import PUBLISHED_ADDED, PUBLISHED_MEDIUM, Plant2FtNetwork, Plant2Network, parts
+from tsbench.learn.plant2.plant2_network import (
+    PUBLISHED_ADDED,
+    PUBLISHED_MEDIUM,
+    Plant2FtNetwork,
+    Plant2Network,
+    inference,
+    network_of,
+    parts,
+    tensors,
+)
 from tsbench.learn.plant2.plant2_planner import Plant2
-from tsbench.learn.plant2.torch_inference import inference, network_of, tensors
 from tsbench.planners.weights import load_weights, save_weights
 
 pytestmark = pytest.mark.slow

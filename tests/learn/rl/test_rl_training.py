@@ -24,8 +24,7 @@ from tsbench.learn.ppo.ppo_planner import Ppo
 from tsbench.learn.ppo.vector import SIZE
 from tsbench.learn.rl import ppo_training as rl_train
 from tsbench.learn.rl.policy import BetaActions, actor_tensors, policy_of
-from tsbench.learn.rl.ppo_training import HYPER, Job
-from tsbench.learn.rl.progress import RlProgress, load_progress, save_progress, session_seed
+from tsbench.learn.rl.ppo_training import HYPER, Job, RlProgress, load_progress, save_progress, session_seed
 from tsbench.planners.weights import network, save_weights
 
 pytestmark = pytest.mark.slow

@@ -16,7 +16,7 @@ from tsbench.episode.trace import Trace
 from tsbench.metrics.scd_records import PAIRED
 from tsbench.report.analyses.analysis import Value
 from tsbench.report.analyses.failures import cause_of_failure, failures
-from tsbench.report.analyses.perception_levels import perception
+from tsbench.report.analyses.paired_runs import perception
 from tsbench.report.analyses.run_pool import read_pool
 from tsbench.scenarios.data_set import DataSet
 

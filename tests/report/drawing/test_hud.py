@@ -12,7 +12,7 @@ from tsbench.episode.trace import trace_of
 from tsbench.report.drawing.birds_eye import Strip
 from tsbench.report.drawing.canvas import STYLE, PageSize
 from tsbench.report.drawing.hud import FrameInfo, Hud, figures
-from tsbench.report.drawing.lettering import fitted, wrap
+from tsbench.report.drawing.paint import fitted, wrap
 from tsbench.report.time_to_collision import how_near
 from tsbench.report.wording import readable
 from tsbench.signs.catalog import load_catalog

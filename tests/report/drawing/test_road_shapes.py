@@ -14,11 +14,10 @@ from hypothesis import strategies as st
 
 from tsbench.core.paths import using_city
 from tsbench.geometry.polyline import Polyline
-from tsbench.report.drawing.canvas import STYLE
+from tsbench.report.drawing.canvas import STYLE, Area, lane_area, rounded, rounded_along
 from tsbench.report.drawing.hud import _plain
 from tsbench.report.drawing.road_shapes import ground_shapes, mark_shapes, road_shapes
 from tsbench.report.drawing.scene_shapes import tick_shapes
-from tsbench.report.drawing.shapes import Area, lane_area, rounded, rounded_along
 from tsbench.report.page.page_format import drawing
 from tsbench.report.scene_pictures import scene_picture
 from tsbench.scenarios.data_set import DataSet

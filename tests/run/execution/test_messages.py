@@ -16,10 +16,10 @@ from tsbench.run.execution.messages import (
     Ready,
     Setup,
     Start,
+    Task,
     decode,
     encode,
 )
-from tsbench.run.execution.task_queue import Task
 from tsbench.run.log.record import Record
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.data_set import DataSet

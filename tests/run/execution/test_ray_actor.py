@@ -15,11 +15,10 @@ from run_helpers import HERE, Bench, specs
 
 from tsbench.core.paths import data_root
 from tsbench.episode.perception_level import EXACTLY
-from tsbench.run.contract import contract_hash
+from tsbench.run.edition import contract_hash
 from tsbench.run.execution.executor import Limits
-from tsbench.run.execution.messages import Finished, Probe, Probed, Refused, Setup, decode, encode
+from tsbench.run.execution.messages import Finished, Probe, Probed, Refused, Setup, Task, decode, encode
 from tsbench.run.execution.ray_actor import RayActor, handshake
-from tsbench.run.execution.task_queue import Task
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog
 

@@ -12,10 +12,8 @@ import numpy.typing as npt
 from tsbench.geometry.elementary import exp, log
 from tsbench.geometry.polyline import Array
 from tsbench.learn.carl.raster import CHANNELS, MEASUREMENTS, PIXELS, RasterEncoder
-from tsbench.learn.networks.convolution import LARGEST, Convolution, Parameters, rectified
-from tsbench.learn.networks.fixed_point import BITS, Linear, snap
-from tsbench.learn.networks.quantiles import beta_quantile
-from tsbench.learn.rl.two_actions import ACTIONS, DRAW, LearnedPlanner
+from tsbench.learn.networks.fixed_point import BITS, LARGEST, Convolution, Linear, Parameters, rectified, snap
+from tsbench.learn.rl.actions import DRAW, TWO_ACTIONS, LearnedPlanner, beta_quantile
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.batching import Infer, Records
 from tsbench.planners.weights import fitted
@@ -87,7 +85,7 @@ class Carl(LearnedPlanner):
             densities = fitted(WEIGHTS, folder, lambda weights: densities_by_torch(weights, device))
 
         def infer(records: Records) -> Records:
-            answers = np.empty(len(records), dtype=ACTIONS)
+            answers = np.empty(len(records), dtype=TWO_ACTIONS)
             found, draws = densities(records).tolist(), records["draw"].tolist()
             answers["action"] = [
                 [2.0 * beta_quantile(a, b, p) - 1.0 for a, b, p in zip(*pair, draw, strict=True)]

@@ -19,8 +19,18 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array
-from tsbench.learn.networks.cutout import Packed, cut, pack, repack
-from tsbench.learn.networks.measurements import Recent, RouteSpeed, ahead, motion, on_route, pace
+from tsbench.learn.networks.shared_inputs import (
+    Packed,
+    Recent,
+    RouteSpeed,
+    ahead,
+    cut,
+    motion,
+    on_route,
+    pace,
+    pack,
+    repack,
+)
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import RoadMap
@@ -105,7 +115,7 @@ class RasterEncoder:
         return self.raster(observation), self.measure(observation)
 
     def measure(self, o: Observation) -> Measured:
-        """Motion 4, route 2, pace 3 (`planners.measurements`), and how far left the route is 14 m on."""
+        """Motion 4, route 2, pace 3 (`networks.shared_inputs`), and how far left the route is 14 m on."""
         numbers = (*motion(o), *on_route(o), *pace(o, self._speed), ahead(o, _AHEAD_M)[1])
         return np.array(numbers, dtype=np.float32)
 

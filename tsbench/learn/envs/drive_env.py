@@ -24,8 +24,7 @@ from tsbench.core.typed import typed
 from tsbench.episode.episode import Episode, Judged
 from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.perception_level import EXACT, Perception, load_level
-from tsbench.learn.envs.encoders import KINDS, PLAIN
-from tsbench.learn.envs.exits import EXIT, ExitAction
+from tsbench.learn.envs.encoders import EXIT, KINDS, PLAIN, ExitAction
 from tsbench.learn.envs.reward import SIGNS, RewardSpec, RouteReward
 from tsbench.learn.envs.view import View
 from tsbench.metrics.episode_metrics import is_scd, route_completion

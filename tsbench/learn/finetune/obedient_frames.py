@@ -14,13 +14,11 @@ from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.finetune.targets import FinetuneSampling, SignTargets
-from tsbench.learn.imitation.drives import DriveResult, Drivers
-from tsbench.learn.imitation.frames import frames_of
+from tsbench.learn.imitation.frames import DriveResult, Drivers, frames_of
 from tsbench.learn.oracle.trajectories import Recorded, Replayer
 from tsbench.learn.plant2 import layout as at
-from tsbench.learn.plant2.planner_ft import Plant2Ft, SignTokeniser
-from tsbench.learn.plant2.route_alternatives import RouteAlternatives
-from tsbench.learn.plant2.vocabulary import Vocabulary
+from tsbench.learn.plant2.planner_ft import Plant2Ft, RouteAlternatives, SignTokeniser
+from tsbench.learn.plant2.sign_tokens import Vocabulary
 from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
 from tsbench.planners.registry import LoadedPlanner, resolve

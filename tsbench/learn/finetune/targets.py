@@ -26,8 +26,7 @@ import numpy as np
 
 from tsbench.core.errors import InputError
 from tsbench.geometry.polyline import Array
-from tsbench.learn.imitation.drives import DriveResult
-from tsbench.learn.imitation.frames import DrivenPath, Sampling
+from tsbench.learn.imitation.frames import DrivenPath, DriveResult, Sampling
 from tsbench.learn.plant2 import layout as at
 from tsbench.learn.plant2.sign_tokens import STOPPED_MPS
 from tsbench.learn.plant2.tokens import Pose

@@ -23,8 +23,7 @@ from tsbench.core.errors import InputError, SimulationError
 from tsbench.core.files import replacing
 from tsbench.core.machine import one_thread_each
 from tsbench.core.seeds import rng_of
-from tsbench.learn.imitation.drives import DriveResult, Drivers, EpisodeDrive
-from tsbench.learn.imitation.frames import FRAME, Imitated, Sampling, frames_of
+from tsbench.learn.imitation.frames import FRAME, DriveResult, Drivers, EpisodeDrive, Imitated, Sampling, frames_of
 from tsbench.learn.plant2.layout import Records
 from tsbench.learn.plant2.plant2_planner import Plant2
 

@@ -7,8 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from tsbench.core.seeds import rng_of, seed_of
-from tsbench.learn.imitation.drives import PlannerDrive
-from tsbench.learn.imitation.frames import Sampling
+from tsbench.learn.imitation.frames import PlannerDrive, Sampling
 from tsbench.scenarios.spec import ScenarioSpec
 
 # Of the train maps, one in so many is kept for the choice of checkpoints.

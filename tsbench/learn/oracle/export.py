@@ -1,31 +1,107 @@
 """The oracle's drives as a Parquet file of ticks: a row per tick, a row group per drive.
 
-No more than one drive is held. Shapes and signs stand in the file's metadata, a data card beside the file.
+Each is driven again from its commands. Numbers are those of the environment's `scene` observation (scaled, in the ego's
+frame), flattened. Units: s; action in m/s2 and rad. No more than one drive is held. Shapes and signs stand in
+the file's metadata, a data card, NAME.README.md, beside the file.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from tsbench.core.errors import InputError
+import tsbench
+from tsbench.core.errors import InputError, SimulationError
 from tsbench.core.files import io_errors_as_input_errors, replacing, write_atomic
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY
 from tsbench.episode.episode import Episode
-from tsbench.learn.envs.scene_seen import SceneSeen
-from tsbench.learn.oracle.card import NAME as CARD
-from tsbench.learn.oracle.card import Card
-from tsbench.learn.oracle.ticks import REWARDS, driven, shapes
-from tsbench.learn.oracle.trajectories import stream_trajectories
+from tsbench.learn.envs.reward import RewardSpec, RouteReward
+from tsbench.learn.envs.seen_tables import EGO, SceneSeen
+from tsbench.learn.oracle.trajectories import Recorded, Replay, difference, stream_trajectories
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.sumo import Simulation
+from tsbench.sim.world import DT_S
+
+# The tables of `scene`, by the name that follows `observation.`.
+_TABLES = [f"{name}{mask}" for name in ("plates", "lanes", "actors", "obstacles") for mask in ("", "_mask")]
+SEEN = {"state": "ego", "route": "route", **{name: name for name in _TABLES}}
+REWARDS = ("progress", "violation", "needless", "end")
+
+
+@dataclass(frozen=True)
+class Driven:
+    """A drive's facts (text: scenario_id, planner, part, type, sign, half; and its number) and its ticks."""
+
+    index: int
+    facts: Mapping[str, str]
+    ticks: list[dict[str, Any]]
+
+
+def shapes(seen: SceneSeen) -> dict[str, tuple[int, ...]]:
+    """Of what is flattened, by column."""
+    return {f"observation.{name}": seen.space[key].shape for name, key in SEEN.items()}  # type: ignore[index]
+
+
+def driven(
+    index: int, drive: Recorded, row: ScenarioSpec, seen: SceneSeen, begin: Callable[[ScenarioSpec], Episode]
+) -> Driven:
+    """A drive, driven again. begin: makes the episode of a row. Raises SimulationError as a replay does."""
+    facts = {
+        "scenario_id": row.scenario_id,
+        "planner": drive.planner,
+        "part": drive.part,
+        "type": row.scenario_type,
+        "sign": row.sign_code,
+        "half": row.half,
+    }
+    return Driven(index, facts, list(_ticks(drive, row, seen, begin)))
+
+
+def _ticks(
+    drive: Recorded, row: ScenarioSpec, seen: SceneSeen, begin: Callable[[ScenarioSpec], Episode]
+) -> Iterator[dict[str, Any]]:
+    """A drive's ticks: what is seen, the command, and what it earns. Raises SimulationError as a replay does."""
+    replay = Replay(drive)
+    episode = begin(row)
+    if episode.result is not None:
+        raise SimulationError(f"{row.scenario_id}: {episode.result.error or episode.result.outcome}")
+    replay.reset(episode.context)
+    seen.reset(episode.context)
+    reward, before = RouteReward(episode.observation, RewardSpec()), episode.judged()
+    while episode.result is None:
+        o = episode.observation
+        encoded, control = seen.encode(o), replay.act(o)
+        tick = {f"observation.{name}": encoded[key].ravel() for name, key in SEEN.items()}
+        tick |= {"frame_index": o.step, "timestamp": o.time}
+        tick["action"] = np.array((control.acceleration, control.steering), dtype=np.float32)
+        episode.step(control)
+        after, last = episode.judged(), episode.result
+        if last is not None and last.facts is None:
+            raise SimulationError(f"{row.scenario_id}: {last.error or last.outcome}")
+        tick["reward.progress"] = reward.tick(episode.look())
+        tick["reward.violation"] = float(len(before.violations) - len(after.violations))
+        tick["reward.needless"] = float(len(before.needless) - len(after.needless))
+        tick["reward.end"] = reward.end(last.outcome) if last else 0.0
+        tick["done"] = last is not None
+        before = after
+        yield tick
+    differs = difference(drive, row, episode.result.facts, episode.result.error)
+    if differs:
+        raise SimulationError(f"{row.scenario_id}: {drive.planner}: the replay differs: {differs}")
+
 
 _TEXT = ("scenario_id", "planner", "part", "type", "sign", "half")
 
@@ -54,7 +130,7 @@ def export(path: Path, split: str, out: Path, rank: int = 1, limit: int | None =
                     drives, ticks = drives + 1, ticks + len(one.ticks)
             if not drives:
                 raise InputError(f"{path}: has no drive of split {split} up to rank {rank}")
-            write_atomic(out.with_name(f"{out.stem}.{CARD}"), card.text(path, split, rank, limit).encode())
+            write_atomic(out.with_name(f"{out.stem}.{NAME}"), card.text(path, split, rank, limit).encode())
     finally:
         simulation.close()
     return drives, ticks
@@ -71,3 +147,90 @@ def _schema(seen: SceneSeen) -> pa.Schema:
     fields += [pa.field("done", pa.bool_())]
     told = {"shapes": json.dumps(flattened), "signs": json.dumps(list(seen.codes))}
     return pa.schema(fields).with_metadata({VERSION_KEY: "1", **OSM_LICENCE, **told})
+
+
+NAME = "README.md"
+_SEEN = {
+    "state": f"the ego: {', '.join(EGO)}",
+    "route": "points of the navigation's way ahead, in the ego's frame",
+    "plates": "plates in sight: place, value, whose lane each is for, one-hot code; the last column is a post whose "
+    "plate is not known",
+    "plates_mask": "1 where a row of `plates` is one",
+    "lanes": "polylines of lanes and of ways through junctions around the ego, with what they are",
+    "lanes_mask": "1 where a row of `lanes` is one",
+    "actors": "road users in sight: place, heading, speed, size, kind",
+    "actors_mask": "1 where a row of `actors` is one",
+    "obstacles": "obstacles in sight: place, heading, size",
+    "obstacles_mask": "1 where a row of `obstacles` is one",
+}
+_REWARDS = {
+    "progress": "share of the way that the tick brought, times soft penalties",
+    "violation": "minus the number of violations that began in the tick",
+    "needless": "minus the number of acts of needless obedience that began in the tick",
+    "end": "-1 at a collision, beside the road and out of time, else 0",
+}
+
+
+class Card:
+    """Counts drives as they are exported, and says what they are."""
+
+    def __init__(self, seen: SceneSeen) -> None:
+        self._seen = seen
+        self._drives = self._ticks = 0
+        self._of: dict[str, Counter[str]] = {name: Counter() for name in ("type", "half", "planner", "part")}
+
+    def add(self, drive: Driven) -> None:
+        self._drives += 1
+        self._ticks += len(drive.ticks)
+        for name, counter in self._of.items():
+            counter[drive.facts[name]] += 1
+
+    def text(self, table: Path, split: str, rank: int, limit: int | None) -> str:
+        """Markdown. table: whose drives they are; the others as they were asked of `export`."""
+        sha256 = hashlib.sha256(table.read_bytes()).hexdigest()
+        best = f"up to rank {rank}" if rank else "of all ranks"
+        few = "" if limit is None else f" --limit {limit}"
+        hours = self._ticks * DT_S / 3600.0
+        lines = [
+            "---", "license: odbl", "task_categories: [robotics, reinforcement-learning]",
+            "tags: [autonomous-driving, traffic-signs, imitation-learning]", "---", "",
+            "# Drives of tsbench's oracle, tick by tick", "",
+            f"{self._drives} drives {best} of the split `{split}`: {self._ticks} ticks of {DT_S:g} s ({hours:.2f} h). "
+            f"Each drive obeyed the sign and arrived.", "",
+            "Experts drove that are told the rule of the sign. They see others and plates without error. Scenes are "
+            "simulated (SUMO) on real roads. There are no camera pictures.", "",
+            f"Of `{table.name}` (SHA-256 `{sha256}`), by tsbench {tsbench.__version__}:", "",
+            "```", f"tsbench oracle export --split {split} --rank {rank}{few}", "```", "",
+            f"Licence: {OSM_LICENCE['licence']}.", "",
+            "## What a tick holds", "",
+            "Numbers of `observation` are scaled to -1..1.",
+            "",
+            *_table(("name", "shape", "what"), self._columns()), "",
+            "The columns of the one-hot code, in order: "
+            f"{', '.join(f'`{code}`' for code in self._seen.codes[:-1])}, not known.", "",
+            "## What is in it", "",
+            *_table(("", "drives"), self._counts()), "",
+        ]  # fmt: skip
+        return "\n".join(lines)
+
+    def _columns(self) -> Iterable[tuple[str, str, str]]:
+        of = shapes(self._seen)
+        for name, what in _SEEN.items():
+            shape = of[f"observation.{name}"]
+            yield f"`observation.{name}`", " x ".join(map(str, shape)), what
+        yield ("`action`", "2", "acceleration (m/s²) and steering (rad, left positive) that were driven in the tick")
+        for name in REWARDS:
+            yield f"`reward.{name}`", "1", _REWARDS[name]
+        yield "`timestamp`, `done`", "1", "s since the episode began; the drive's last tick"
+        yield ("`scenario_id`, `planner`, `part`", "1", "which drive, whose, and whether for training or validation")
+        yield ("`type`, `sign`, `half`", "1", "of the scene: its type, its sign's code, and which half of a pair")
+
+    def _counts(self) -> Iterable[tuple[str, str]]:
+        for name, counter in self._of.items():
+            for value, count in sorted(counter.items()):
+                yield f"{name} `{value}`", str(count)
+
+
+def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> list[str]:
+    first, *rest = (f"| {' | '.join(row)} |" for row in (head, *rows))
+    return [first, f"|{'---|' * len(head)}", *rest]

@@ -89,7 +89,7 @@ class Plant2:
         size = size_of(network(cls.weights, folder))
         if device == "cpu":
             return fitted(cls.weights, folder, lambda weights: Plant2Engine(size, weights))
-        from tsbench.learn.plant2.torch_inference import inference, network_of
+        from tsbench.learn.plant2.plant2_network import inference, network_of
 
         check_device(device)
         return inference(fitted(cls.weights, folder, lambda weights: network_of(size, weights)), device)

@@ -8,11 +8,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from tsbench.geometry.elementary import exp
-from tsbench.learn.networks.convolution import Parameters
-from tsbench.learn.networks.fixed_point import Linear, snap, tanh
-from tsbench.learn.networks.quantiles import normal_quantile
+from tsbench.learn.networks.fixed_point import Linear, Parameters, snap, tanh
 from tsbench.learn.ppo.vector import SIZE, VectorEncoder
-from tsbench.learn.rl.two_actions import ACTIONS, DRAW, LearnedPlanner
+from tsbench.learn.rl.actions import DRAW, TWO_ACTIONS, LearnedPlanner, normal_quantile
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.batching import Infer, Records
 from tsbench.planners.weights import Tensors, fitted
@@ -59,7 +57,7 @@ def _network(weights: Tensors) -> Infer:
     def infer(records: Records) -> Records:
         x = snap(np.clip(records["vector"].astype(np.float64), -_MOST, _MOST))
         mean = action(tanh(second(tanh(first(x)))))
-        answers = np.empty(len(records), dtype=ACTIONS)
+        answers = np.empty(len(records), dtype=TWO_ACTIONS)
         answers["action"] = mean + width * normal_quantile(records["draw"])
         return answers
 

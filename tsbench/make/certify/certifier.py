@@ -27,7 +27,7 @@ from tsbench.make.certify.watching import Habit, Watcher, braking_to_meet, drawn
 from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.base import Control, Trajectory
 from tsbench.planners.registry import LoadedPlanner, resolve
-from tsbench.run.contract import SCORING
+from tsbench.run.edition import SCORING
 from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec

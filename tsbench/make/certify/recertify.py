@@ -15,7 +15,7 @@ from typing import Any
 from tsbench.core.errors import InputError
 from tsbench.core.parallel import CachedResult, worker_processes
 from tsbench.make.certify.certifier import Certifier
-from tsbench.run.contract import code_hash
+from tsbench.run.edition import code_hash
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates, write_certificates
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader

@@ -14,10 +14,9 @@ from tsbench.geometry.overlap import strip
 from tsbench.make.maps.build import build_net
 from tsbench.make.maps.crop import plain_crop
 from tsbench.make.maps.source import SourceNetwork, load_source
-from tsbench.report.drawing.canvas import STYLE, Image, camera_over
+from tsbench.report.drawing.canvas import STYLE, Area, Image, camera_over
 from tsbench.report.drawing.paint import paint, save_png, sheet
 from tsbench.report.drawing.road_shapes import mark_shapes, road_shapes
-from tsbench.report.drawing.shapes import Area
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow, read_pool

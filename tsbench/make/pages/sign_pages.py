@@ -24,9 +24,8 @@ from tsbench.make.scenes.recipe import load_recipe
 from tsbench.planners.base import Control
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.report.drawing.canvas import Image, PageSize
-from tsbench.report.film import render_gif
 from tsbench.report.page.page_format import environment
-from tsbench.report.scene_pictures import moment
+from tsbench.report.scene_pictures import moment, render_gif
 from tsbench.report.wording import OPTIONS, THRESHOLDS, in_values, option_words, readable, threshold_value
 from tsbench.rules.monitor import Violation
 from tsbench.scenarios.data_set import DataSet

@@ -327,7 +327,7 @@ def write_analysis(analysis: Analysis, folder: Path) -> list[Path]:
             write_atomic(path, text.encode())
         paths.append(path)
     if analysis.draw is not None:
-        from tsbench.report.tables.charts import save_chart  # brings matplotlib
+        from tsbench.report.charts import save_chart  # brings matplotlib
 
         pictures = [folder / f"{analysis.name}.{suffix}" for suffix in ("png", "svg")]
         save_chart(analysis.draw, *pictures)

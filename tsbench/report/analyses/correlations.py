@@ -33,8 +33,8 @@ from tsbench.report.analyses.columns import (
     without_experts,
 )
 from tsbench.report.analyses.run_pool import RunPool
-from tsbench.report.tables.charts import INK
-from tsbench.report.tables.forest import ForestRow, Mark, colour_of, forest_panels, put_title
+from tsbench.report.charts import INK
+from tsbench.report.forest import ForestRow, Mark, colour_of, forest_panels, put_title
 
 LEAST_PLANNERS, LEAST_FOR_INTERVAL = 3, 5
 # What SCD is made of (compliance) or only says whether there was a rule (engagement) is no conventional metric.

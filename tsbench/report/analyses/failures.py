@@ -23,7 +23,7 @@ from tsbench.metrics.scd_records import CONTRASTED, SIGNED_ONES, Records
 from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.columns import INTERVAL_NOTE, READINGS_NOTE, present_panels, text_columns
 from tsbench.report.analyses.run_pool import RunPool
-from tsbench.report.tables.forest import colour_of, make_panels, put_counts, put_key, put_title
+from tsbench.report.forest import colour_of, make_panels, put_counts, put_key, put_title
 from tsbench.scenarios.spec import CONTRAST, SIGNED
 from tsbench.signs.catalog import Catalog
 from tsbench.signs.rule_kinds import NEEDLESS

@@ -27,8 +27,8 @@ from tsbench.report.analyses.columns import (
     text_columns,
 )
 from tsbench.report.analyses.run_pool import RunPool
-from tsbench.report.tables.charts import INK
-from tsbench.report.tables.forest import ForestRow, Mark, colour_of, forest_panels, published_mark, put_title
+from tsbench.report.charts import INK
+from tsbench.report.forest import ForestRow, Mark, colour_of, forest_panels, published_mark, put_title
 
 
 def intervals(pool: RunPool) -> Analysis:

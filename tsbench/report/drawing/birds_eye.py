@@ -13,10 +13,9 @@ import numpy as np
 from tsbench.episode.trace import Trace
 from tsbench.episode.traffic_view import TrafficView
 from tsbench.geometry.polyline import Array
-from tsbench.report.drawing.canvas import SHIFT, STYLE, Camera, Fixed, Image, PageSize, camera_over
+from tsbench.report.drawing.canvas import SHIFT, STYLE, Body, Camera, Fixed, Image, PageSize, camera_over, rounded_along
 from tsbench.report.drawing.hud import FrameInfo, Hud, draw_attribution, draw_scale_bar
-from tsbench.report.drawing.lettering import stamp, tile, write
-from tsbench.report.drawing.paint import paint, paint_outline, plate_px
+from tsbench.report.drawing.paint import paint, paint_outline, plate_px, stamp, tile, write
 from tsbench.report.drawing.road_shapes import ground_shapes, road_shapes
 from tsbench.report.drawing.scene_shapes import (
     body_kind,
@@ -26,7 +25,6 @@ from tsbench.report.drawing.scene_shapes import (
     obstacle_bodies,
     tick_shapes,
 )
-from tsbench.report.drawing.shapes import Body, rounded_along
 from tsbench.report.time_to_collision import how_near
 from tsbench.report.wording import episode_subtitle, episode_title
 from tsbench.roads.lane_graph import RoutePath

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from tsbench.report.drawing.canvas import ATTRIBUTION, STYLE, VIOLATION_SHADE, Image, PageSize
-from tsbench.report.drawing.lettering import fitted, label, line_height, paste, stamp, text_width, tile, wrap, write
+from tsbench.report.drawing.paint import fitted, label, line_height, paste, stamp, text_width, tile, wrap, write
 from tsbench.report.wording import readable, unit_words
 from tsbench.rules.monitor import Violation
 from tsbench.signs.annotations import SignInstance

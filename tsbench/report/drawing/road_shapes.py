@@ -14,8 +14,7 @@ import shapely
 from tsbench.core.parquet import GROUND_FILE, GROUND_KINDS, GROUND_SCHEMA, open_table
 from tsbench.geometry.overlap import strip
 from tsbench.geometry.polyline import Polyline
-from tsbench.report.drawing.canvas import STYLE
-from tsbench.report.drawing.shapes import Area, Line, dashes, lane_area, rounded
+from tsbench.report.drawing.canvas import STYLE, Area, Line, dashes, lane_area, rounded
 from tsbench.roads.network import Edge, Lane, RoadNetwork
 from tsbench.roads.road_map import Crossing
 from tsbench.scenarios.data_set import DataSet

@@ -21,8 +21,8 @@ from tsbench.episode.traffic_view import TrafficView
 from tsbench.geometry.footprint import corners
 from tsbench.geometry.overlap import strip
 from tsbench.geometry.polyline import Array
+from tsbench.report.drawing.canvas import Area, Body, DrawnPlate, Line, Shape, dashes, rounded
 from tsbench.report.drawing.road_shapes import mark_shapes
-from tsbench.report.drawing.shapes import Area, Body, DrawnPlate, Line, Shape, dashes, rounded
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.rules.monitor import Violation

@@ -7,14 +7,14 @@ from typing import Any
 
 from tsbench.metrics.paired_differences import compare, shared_scenarios
 from tsbench.metrics.scd_records import CONTRASTED, SIGNED_ONES
-from tsbench.report.analyses.analyses_by_name import OF_POOL
 from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Column, Kind, Row, Table, Value, lines_of
 from tsbench.report.analyses.columns import NAMES, difference_columns, difference_rows, panels_of, text_columns
+from tsbench.report.analyses.run_analyses import OF_POOL
 from tsbench.report.analyses.run_pool import EpisodeIndex, RunPool
 from tsbench.report.analyses.traffic_calibration import traffic
+from tsbench.report.charts import inline_svg
 from tsbench.report.page.page_format import pack_table, page_column
-from tsbench.report.tables.charts import inline_svg
-from tsbench.report.tables.run_ending import citation, counted, failures_of, primary
+from tsbench.report.run_ending import citation, counted, failures_of, primary
 from tsbench.scenarios.spec import CONTRAST, SIGNED, pair_type
 
 Section = dict[str, Any]

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol, Self
 
 from tsbench.core.machine import MemoryUse
-from tsbench.run.execution.messages import Setup
-from tsbench.run.execution.task_queue import TaskQueue
+from tsbench.run.execution.messages import Setup, TaskQueue
 from tsbench.run.log.record import Record
 from tsbench.run.planner_info import PlannerInfo
 

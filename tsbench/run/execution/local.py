@@ -17,11 +17,9 @@ from tsbench.core.extras import load
 from tsbench.core.files import io_errors_as_input_errors
 from tsbench.core.machine import MemoryUse, cause_of_end, own_cores, resident_mb
 from tsbench.run.execution.executor import Executor, Limits
-from tsbench.run.execution.messages import FolderFailed, Probed, Ready, Setup
+from tsbench.run.execution.messages import FolderFailed, Probed, Ready, Setup, Task, TaskQueue
 from tsbench.run.execution.own_folder import remove_abandoned
-from tsbench.run.execution.task_queue import Task, TaskQueue
-from tsbench.run.execution.watchdog import Overrun, find_overrun, lost_record
-from tsbench.run.execution.worker_process import WorkerProcess
+from tsbench.run.execution.worker_process import Overrun, WorkerProcess, find_overrun, lost_record
 from tsbench.run.log.record import Record
 from tsbench.run.planner_info import PlannerInfo
 

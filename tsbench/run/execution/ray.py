@@ -27,9 +27,8 @@ from tsbench.core.machine import MemoryUse
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.trace import trace_path
 from tsbench.run.execution.executor import Limits
-from tsbench.run.execution.messages import Finished, Probe, Probed, Refused, Setup, decode, encode
+from tsbench.run.execution.messages import Finished, Probe, Probed, Refused, Setup, Task, TaskQueue, decode, encode
 from tsbench.run.execution.ray_actor import RayActor, handshake
-from tsbench.run.execution.task_queue import Task, TaskQueue
 from tsbench.run.log.record import Record, error_row, lost_timing
 from tsbench.run.planner_info import PlannerInfo
 

@@ -25,8 +25,7 @@ from tsbench.planners.registry import resolve
 from tsbench.run import opened_files
 from tsbench.run.execution import messages
 from tsbench.run.execution.fresh_episode import end_as, run_in_child
-from tsbench.run.execution.heartbeat import Heartbeat
-from tsbench.run.execution.task_queue import Task
+from tsbench.run.execution.messages import Heartbeat, Task
 from tsbench.run.log.record import Record, cut_short, error_row, last_seconds, lost_timing, make_timing
 from tsbench.run.planner_info import PlannerInfo, describe, place_of, resolve_unchanged
 from tsbench.scenarios.spec import ScenarioSpec

@@ -27,8 +27,7 @@ from tsbench.metrics.aggregate import FLOOR
 from tsbench.planners.builtin import origin
 from tsbench.planners.registry import comes_with_tsbench
 from tsbench.run import arithmetic, opened_files
-from tsbench.run.contract import SCORING
-from tsbench.run.edition import standing_contract
+from tsbench.run.edition import SCORING, standing_contract
 from tsbench.run.log.schema import SCHEMA_VERSION
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.table import SplitName

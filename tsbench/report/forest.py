@@ -14,8 +14,8 @@ from matplotlib.lines import Line2D
 from tsbench.metrics.breakdown import StrictAndCompleted
 from tsbench.metrics.paired_differences import Difference
 from tsbench.report.analyses.columns import NAMES
-from tsbench.report.tables.charts import GREY, GROUP_COLOURS, INK, PALE, save_chart
-from tsbench.report.tables.compare_runs import Matched
+from tsbench.report.charts import GREY, GROUP_COLOURS, INK, PALE, save_chart
+from tsbench.report.compare_runs import Matched
 
 ROW_IN = 0.24
 _MARGIN_IN, _WIDTH_IN = 1.9, 9.0

@@ -12,7 +12,7 @@ from table_builders import random_rows, records, row
 from tsbench.metrics.aggregate import Summary, summarise
 from tsbench.report.analyses import analysis as markdown
 from tsbench.report.analyses.analysis import Analysis, Column, Kind, Row, Table, Value, print_analysis
-from tsbench.report.analyses.main_table import main_table, run_tables
+from tsbench.report.analyses.run_analyses import main_table, run_tables
 from tsbench.run.edition import in_force, standing_contract
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog

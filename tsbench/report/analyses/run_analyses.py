@@ -1,15 +1,18 @@
-"""SCD of every planner in tables: the main table with conventional metrics, by type, and above the floor.
+"""The analyses of runs by their names. Those with a picture bring matplotlib, so they are imported when asked for.
 
+Here: SCD of every planner in tables, the main table with conventional metrics, by type, and above the floor.
 Published figures stand below a planner's own. Source of the floor: docs/contrast.md, "What is reported".
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tsbench.core.extras import load
 from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import PlannerSummary, Summary
 from tsbench.metrics.breakdown import COMPLETED, STRICT, StrictAndCompleted
@@ -34,10 +37,11 @@ from tsbench.report.analyses.columns import (
     text_columns,
     with_rings,
 )
-from tsbench.report.analyses.run_pool import RunPool
+from tsbench.report.analyses.run_pool import RunPool, read_pool
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 _HALF = 50.0
 
@@ -89,7 +93,7 @@ def _cells(
 def _draw(planners: Sequence[PlannerSummary], title: str, contract: str) -> Figure:
     from matplotlib.figure import Figure  # a run ends with this table, and needs no picture of it
 
-    from tsbench.report.tables.forest import put_counts, put_title
+    from tsbench.report.forest import put_counts, put_title
 
     primary = present_parts(planners)[0]
     kinds = present_types(planners, primary)
@@ -248,3 +252,26 @@ def _figures(p: PlannerSummary, part: str, over: str) -> Mapping[str, StrictAndC
     if over == "type":
         return p.scores[part].types if part in p.scores else {}
     return panels_of(p, part)
+
+
+def _later(module: str, name: str) -> Callable[..., Analysis]:
+    """An analysis whose module is imported when it is asked for."""
+    return lambda *given: getattr(load(f"tsbench.report.analyses.{module}"), name)(*given)
+
+
+OF_POOL: Mapping[str, Callable[[RunPool], Analysis]] = {
+    "main": lambda pool: main_table(pool.summaries, pool.title("Main table"), pool.contract, pool.contract),
+    "types": lambda pool: per_type(pool.summaries, pool.title("SCD by type"), pool.contract),
+    "intervals": _later("scd_intervals", "intervals"),
+    "failures": _later("failures", "failures"),
+    "correlations": _later("correlations", "correlations"),
+    "floor": floor,
+}
+_OF_RUNS = {"ablation": _later("paired_runs", "ablation"), "perception": _later("paired_runs", "perception")}
+
+
+def analyse_runs(name: str, paths: Sequence[Path], allow_partial: bool) -> Analysis:
+    """The analysis `name` of stored runs. Raises InputError for runs that cannot be analysed together."""
+    if name in _OF_RUNS:
+        return _OF_RUNS[name](paths, allow_partial)
+    return OF_POOL[name](read_pool(paths, allow_partial))
