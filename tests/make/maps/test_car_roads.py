@@ -9,10 +9,10 @@ import yaml
 from town import Town
 
 from tsbench.core.errors import InputError
-from tsbench.make.maps.car_roads import CAR_ROADS, ClosedRoads, closed_by, for_cars
 from tsbench.make.maps.netconvert import convert_extract
 from tsbench.make.maps.osm import read_extract
-from tsbench.make.maps.plain_xml import origins_and_junctions
+from tsbench.make.maps.plain import origins_and_junctions
+from tsbench.make.maps.road_tags import CAR_ROADS, ClosedRoads, closed_by, for_cars
 from tsbench.roads.network import read_network
 
 HERE = Path(__file__).parent

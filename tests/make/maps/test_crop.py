@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 from tsbench.core.errors import InputError
-from tsbench.make.maps.build import build_net
 from tsbench.make.maps.crop import REGISTRY, plain_crop
-from tsbench.make.maps.families.expectations import expectations
-from tsbench.make.maps.lines import length
-from tsbench.make.maps.lint import lint_crops, loads_in_sumo
+from tsbench.make.maps.crop_lint import expectations, lint_crops, loads_in_sumo
+from tsbench.make.maps.netconvert import build_net
+from tsbench.make.maps.pieces import length
 from tsbench.make.maps.plain import PlainConnection, PlainCrossing, PlainEdge, PlainLane, PlainNet, PlainNode
 from tsbench.make.maps.source import SourceNetwork
 from tsbench.roads.network import read_network

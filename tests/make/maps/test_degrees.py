@@ -14,9 +14,9 @@ from town import Town
 from tsbench.cli import cli
 from tsbench.core.errors import InputError
 from tsbench.make import city as cities
-from tsbench.make.maps.degrees import places_of
 from tsbench.make.maps.netconvert import convert_extract
 from tsbench.make.maps.osm import read_extract
+from tsbench.make.maps.osm_objects import places_of
 from tsbench.make.maps.own_extract import facts_of
 from tsbench.roads.network import read_network
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import shapely
 
-from tsbench.make.maps.lines import length
-from tsbench.make.maps.merge import BETWEEN_M, merge_chains, part_carriageways
+from tsbench.make.maps.crop import BETWEEN_M, merge_chains, part_carriageways
+from tsbench.make.maps.pieces import length
 from tsbench.make.maps.plain import PlainEdge, PlainNet, PlainNode
 
 WIDTH = 3.5

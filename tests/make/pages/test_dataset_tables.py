@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from tsbench.make.pages.dataset_tables import axes_table, dataset_page, dataset_tables, tagging_table
-from tsbench.make.scenes.axes import TypeAxes
+from tsbench.make.pages.dataset_tables import Tagging, TypeAxes, axes_table, dataset_page, dataset_tables, tagging_table
 from tsbench.make.scenes.overview import TypeStats
-from tsbench.make.scenes.tagging import Tagging
 from tsbench.report.analyses.analysis import Analysis
 
 STOP = TypeStats("stop", "test", 400, 200, 20, 18, {"T": 12, "X": 8}, 0.5, 1.0, 0.9999, 1.0, 1.0, 0.0, 0.84, 0.25)

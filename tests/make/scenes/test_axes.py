@@ -8,7 +8,7 @@ from typing import Any, cast
 
 import pytest
 
-from tsbench.make.scenes.axes import Asked, asked_of, axes_of
+from tsbench.make.pages.dataset_tables import Asked, asked_of, axes_of
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.scene import SceneLayout
 

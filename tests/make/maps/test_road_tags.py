@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 from town import Town
 
+from tsbench.make.city import types_file
 from tsbench.make.maps.netconvert import convert_extract
 from tsbench.make.maps.osm import read_extract
-from tsbench.make.maps.paths import types_file
-from tsbench.make.maps.plain_xml import class_speeds
-from tsbench.make.maps.plausible import BOUNDS, SetAside, is_plausible, some
+from tsbench.make.maps.plain import class_speeds
+from tsbench.make.maps.road_tags import BOUNDS, SetAside, is_plausible, some
 from tsbench.make.maps.source import load_source
 from tsbench.roads.network import Lane, read_network
 

@@ -14,9 +14,9 @@ from town import Town, make_town
 from tsbench.core.errors import InputError
 from tsbench.make.maps.netconvert import convert_extract
 from tsbench.make.maps.osm import read_extract
-from tsbench.make.maps.plain_xml import origins_and_junctions
+from tsbench.make.maps.osm_objects import contents_of
+from tsbench.make.maps.plain import origins_and_junctions
 from tsbench.make.maps.source import load_source
-from tsbench.make.maps.versions import contents_of
 from tsbench.roads.network import read_network
 
 LINES = make_town().xml().splitlines()
