@@ -1,4 +1,4 @@
-"""Polylines and the projection: invariants."""
+"""Polylines: invariants."""
 
 from __future__ import annotations
 
