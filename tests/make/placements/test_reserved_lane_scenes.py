@@ -17,7 +17,7 @@ from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainEdge, PlainNet, PlainNode
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError, way_from_standstill
-from tsbench.make.placements.reserved_lanes import contra_id, turn_leftmost
+from tsbench.make.placements.reserved_lane_scenes import contra_id, turn_leftmost
 from tsbench.make.scenes import map_scenarios as site_module
 from tsbench.make.scenes.map_scenarios import SiteBuilder
 from tsbench.make.scenes.recipe import Variant, variants_of

@@ -11,7 +11,7 @@ from tsbench.make.placements.crosswalk import CrosswalkPlacement
 from tsbench.make.placements.dual_path import ManoeuvrePlacement, NoEntryPlacement, OneWayPlacement
 from tsbench.make.placements.junction import GiveWayPlacement
 from tsbench.make.placements.placement import ScenePlacement
-from tsbench.make.placements.reserved_lanes import ContraflowPlacement, ReservedLanePlacement
+from tsbench.make.placements.reserved_lane_scenes import ContraflowPlacement, ReservedLanePlacement
 from tsbench.make.placements.roundabout import RoundaboutPlacement
 from tsbench.make.placements.speed_zone import MinSpeedPlacement, SpeedZonePlacement, ZonePlacement
 from tsbench.make.scenes.recipe import Recipe
