@@ -16,10 +16,9 @@ from pathlib import Path
 import sumolib.net
 import sumolib.xml
 
-from tsbench.make.maps.extracts import find_extract
+from tsbench.make.city import find_extract, sources_dir
 from tsbench.make.maps.netconvert import convert_to_plain, sumo_binary
-from tsbench.make.maps.paths import sources_dir
-from tsbench.make.maps.plain_xml import parse_edges, parse_nodes
+from tsbench.make.maps.plain import parse_edges, parse_nodes
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.store import SceneStore

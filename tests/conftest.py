@@ -11,7 +11,7 @@ import pytest
 from hypothesis import settings
 from simworld import SceneMaker, block_plain, cross_plain, road_plain, simulation
 
-from tsbench.make.maps.build import build_net
+from tsbench.make.maps.netconvert import build_net
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.sim.sumo import Simulation
 

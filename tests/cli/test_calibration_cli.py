@@ -13,7 +13,7 @@ import pytest
 
 from tsbench.cli import main
 from tsbench.core import paths as repository_paths
-from tsbench.make.maps.build import build_net
+from tsbench.make.maps.netconvert import build_net
 from tsbench.make.scenes.traffic import Car
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network

@@ -14,7 +14,7 @@ import pytest
 
 from tsbench.cli import main
 from tsbench.core import paths as repository_paths
-from tsbench.make.maps.build import build_net
+from tsbench.make.maps.netconvert import build_net
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
 from tsbench.scenarios.certificates import Certificate, bases, certificates_path, write_certificates

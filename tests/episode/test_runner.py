@@ -17,7 +17,7 @@ from tsbench.episode import outcome as outcome_module
 from tsbench.episode.outcome import EpisodeResult, Outcome, Phase
 from tsbench.episode.perception_level import Perception
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.make.maps.build import build_net
+from tsbench.make.maps.netconvert import build_net
 from tsbench.make.scenes.scene_files import lead_time
 from tsbench.make.scenes.traffic import Car
 from tsbench.planners.registry import resolve

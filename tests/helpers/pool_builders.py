@@ -9,7 +9,7 @@ from typing import Any
 
 from simworld import FAST
 
-from tsbench.make.maps.build import build_net
+from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainEdge, PlainNet, PlainNode
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.scenes.recipe import Recipe, load_recipe

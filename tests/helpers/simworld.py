@@ -22,7 +22,6 @@ from lxml import etree
 
 from tsbench.core.xmlfile import read_plain, sha256
 from tsbench.make.maps.plain import PlainConnection, PlainEdge, PlainNet, PlainNode
-from tsbench.make.scenes.drivers import Driver
 from tsbench.make.scenes.elements import (
     background,
     convoy_elements,
@@ -31,7 +30,7 @@ from tsbench.make.scenes.elements import (
     obstacle_elements,
     write_additional,
 )
-from tsbench.make.scenes.traffic import Car
+from tsbench.make.scenes.traffic import Car, Driver
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.spec import ScenarioSpec

@@ -14,10 +14,8 @@ from pool_builders import row
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
 from tsbench.core.paths import CITY, SHIPPED_CITIES, cities_folder, city_names, data_root, using_city
-from tsbench.make.city import fetch_extracts, load_city
-from tsbench.make.maps.extracts import extract_info, list_extracts
-from tsbench.make.maps.paths import netconvert_file, types_file
-from tsbench.make.maps.plain_xml import class_speeds
+from tsbench.make.city import extract_info, fetch_extracts, list_extracts, load_city, netconvert_file, types_file
+from tsbench.make.maps.plain import class_speeds
 from tsbench.make.scenes.overview import carried
 from tsbench.make.scenes.recipe import load_recipe
 from tsbench.scenarios.certificates import certificates_of

@@ -11,8 +11,8 @@ from PIL import Image
 from simworld import CALM, SceneMaker, simulation, speed_plate
 
 from tsbench.core.errors import InputError
+from tsbench.make.scenes.recipe import INITIAL_SPEEDS_MPS, variants_of
 from tsbench.make.scenes.traffic import Car
-from tsbench.make.scenes.variants import INITIAL_SPEEDS_MPS, variants_of
 from tsbench.metrics.calibration import (
     Quantiles,
     calibrate,

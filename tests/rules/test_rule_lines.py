@@ -8,7 +8,7 @@ import pytest
 from labelled import network
 from simworld import edge, plain
 
-from tsbench.make.maps.build import build_net
+from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainNode
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.rules import lines

@@ -18,9 +18,8 @@ from tsbench.make.city import load_city
 from tsbench.make.scenes import verify
 from tsbench.make.scenes.build import APART_M
 from tsbench.make.scenes.map_scenarios import LESS_TRAFFIC
-from tsbench.make.scenes.recipe import load_recipe, stratum_of
+from tsbench.make.scenes.recipe import load_recipe, stratum_of, variants_of
 from tsbench.make.scenes.split import split_pool
-from tsbench.make.scenes.variants import variants_of
 from tsbench.make.scenes.verify import verify_rows, verify_split
 from tsbench.run.edition import editions
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates

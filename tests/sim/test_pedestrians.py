@@ -10,8 +10,8 @@ import pytest
 from simworld import CALM, SceneMaker, motion_at, plate, road_plain
 
 from tsbench.core.errors import SimulationError
-from tsbench.make.maps.build import build_net
-from tsbench.make.placements.crosswalk_net import kerb_to_kerb, path_name, with_crossings
+from tsbench.make.maps.netconvert import build_net
+from tsbench.make.placements.crosswalk import kerb_to_kerb, path_name, with_crossings
 from tsbench.make.scenes.elements import walker_elements
 from tsbench.make.scenes.recipe import load_recipe
 from tsbench.make.scenes.traffic import Car

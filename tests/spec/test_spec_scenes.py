@@ -10,7 +10,7 @@ from spec_tables import numbers, table
 from tsbench.core import benchmark
 from tsbench.core.seeds import ROOT_SEED
 from tsbench.make.city import load_city
-from tsbench.make.scenes import split, variants
+from tsbench.make.scenes import recipe, split
 from tsbench.make.scenes.recipe import load_recipe
 from tsbench.scenarios.certificates import DENSITY_TOLERANCE
 from tsbench.scenarios.data_set import DataSet
@@ -33,15 +33,15 @@ def test_the_presets_of_crosswalks() -> None:
 
 def test_the_axes_of_variants() -> None:
     axes = {row["dimension"].partition(",")[0]: numbers(row["values"]) for row in table("scenes.md", "dimension")}
-    ends = [quantile(variants.DENSITY_KEY, share) for share in variants.DENSITY_SHARES]
+    ends = [quantile(recipe.DENSITY_KEY, share) for share in recipe.DENSITY_SHARES]
     assert axes == {
-        "route length after the decision point": list(variants.ROUTE_LENGTHS_M),
+        "route length after the decision point": list(recipe.ROUTE_LENGTHS_M),
         "density": ends,
-        "the same": [round(density / variants.LANE_KM_WITHIN_REACH, 1) for density in ends],
-        "initial speed": [variants.LEAST_SPEED_MPS, round(quantile(variants.SPEED_KEY, 1.0), 2)],
-        "draws of background drivers": [variants.DRIVER_DRAWS],
-        "layouts": [variants.LAYOUTS],
-        "default speed": [variants.NOMINAL_SPEED_MPS],
+        "the same": [round(density / recipe.LANE_KM_WITHIN_REACH, 1) for density in ends],
+        "initial speed": [recipe.LEAST_SPEED_MPS, round(quantile(recipe.SPEED_KEY, 1.0), 2)],
+        "draws of background drivers": [recipe.DRIVER_DRAWS],
+        "layouts": [recipe.LAYOUTS],
+        "default speed": [recipe.NOMINAL_SPEED_MPS],
     }
 
 

@@ -12,11 +12,9 @@ from tsbench.cli import options
 from tsbench.cli.console import bars, print_notes, print_table
 from tsbench.core.errors import InputError
 from tsbench.core.paths import MIRRORED, city_names
-from tsbench.make.city import chosen_city, describe_city, fetch_extracts, new_city_file
+from tsbench.make.city import chosen_city, describe_city, fetch_extracts, find_extract, new_city_file, sources_dir
 from tsbench.make.maps import overpass
-from tsbench.make.maps.extracts import find_extract
 from tsbench.make.maps.names import ending_of
-from tsbench.make.maps.paths import sources_dir
 from tsbench.make.maps.stats import draw_pool
 from tsbench.make.scenes.overview import build_report, carried, report_file
 from tsbench.make.scenes.recipe import load_recipes

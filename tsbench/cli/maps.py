@@ -8,8 +8,8 @@ import click
 
 from tsbench.cli import options
 from tsbench.cli.console import bars, print_notes, print_table
-from tsbench.make.city import chosen_city
-from tsbench.make.maps import overpass, paths
+from tsbench.make.city import chosen_city, made_pool, sources_dir
+from tsbench.make.maps import overpass
 from tsbench.make.maps.stats import CountTable, count_tables, draw_pool
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import read_pool
@@ -52,10 +52,10 @@ def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
     """Harvest all extracts of a folder into the pool. Interrupted, it goes on where it was."""
     from tsbench.make.maps.harvest import harvest as run_harvest
 
-    target = out or paths.made_pool()
+    target = out or made_pool()
     report = target.with_name("harvest.json")
     with bars() as show:
-        result = run_harvest(osm_dir or paths.sources_dir(), target, report, workers, show)
+        result = run_harvest(osm_dir or sources_dir(), target, report, workers, show)
     print_notes(result.notes)
     _print_counts(count_tables(result.rows)[:2])
     print_table(("refused, by reason", "sum"), ((why, f"{n:,}") for why, n in result.refused.items()))
@@ -83,7 +83,7 @@ def stats(pool_path: Path | None, png: Path | None) -> None:
 @options.out("Folder.  [default: sumo_nets/sources]", type=options.FOLDER)
 def fetch(name: str, bbox: str, date: str | None, server: str | None, out: Path | None) -> None:
     """Fetch the roads of a box from OpenStreetMap as the extract NAME."""
-    path = (out or paths.sources_dir()) / f"{name}.osm.gz"
+    path = (out or sources_dir()) / f"{name}.osm.gz"
     digest = overpass.fetch_extract(path, overpass.address(overpass.parse_box(bbox), date, server or overpass.SERVER))
     click.echo(f"{path}: SHA-256 {digest}")
 
@@ -97,7 +97,7 @@ def show(map_ids: tuple[str, ...], osm_dir: Path | None, out: Path) -> None:
     """Cut maps from their extracts and draw them on one sheet."""
     from tsbench.make.pages.map_sheet import draw_maps
 
-    draw_maps(map_ids, osm_dir or paths.sources_dir(), out)
+    draw_maps(map_ids, osm_dir or sources_dir(), out)
     click.echo(f"{len(map_ids)} maps: {out}")
 
 

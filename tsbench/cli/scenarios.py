@@ -15,14 +15,25 @@ from tsbench.cli.analyse import out as analysis_out
 from tsbench.cli.console import bars, print_table, show_analysis
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
-from tsbench.make.certify.recertify import draw_sample, recertify
-from tsbench.make.maps.paths import sources_dir
-from tsbench.make.pages.dataset_tables import axes_table, dataset_page, dataset_tables, tagging_table
-from tsbench.make.scenes.axes import type_axes
+from tsbench.make.certify.certifier import draw_sample, recertify
+from tsbench.make.city import sources_dir
+from tsbench.make.pages.dataset_tables import (
+    axes_table,
+    dataset_page,
+    dataset_tables,
+    tagging,
+    tagging_table,
+    type_axes,
+)
 from tsbench.make.scenes.overview import build_report, shown_reason, type_stats
-from tsbench.make.scenes.place_lint import finding_counts, lint_rows
-from tsbench.make.scenes.tagging import tagging
-from tsbench.make.scenes.verify import verify_certificates, verify_pairs, verify_rows, verify_split
+from tsbench.make.scenes.verify import (
+    finding_counts,
+    lint_rows,
+    verify_certificates,
+    verify_pairs,
+    verify_rows,
+    verify_split,
+)
 from tsbench.metrics.calibration import calibrate, driven_speeds, grid_speeds, sample_rows
 from tsbench.report.analyses.analysis import to_csv
 from tsbench.report.wording import scene_facts

@@ -10,8 +10,7 @@ from tsbench.board.seal import build_sealed, commitments, make_secret, problems,
 from tsbench.cli import options
 from tsbench.cli.console import bars
 from tsbench.core.errors import TsbenchError
-from tsbench.make.city import chosen_city
-from tsbench.make.maps.paths import sources_dir
+from tsbench.make.city import chosen_city, sources_dir
 from tsbench.run.edition import edition_now
 from tsbench.scenarios.data_set import DataSet
 

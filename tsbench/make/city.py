@@ -1,4 +1,7 @@
-"""A city as data: `cities/<name>.yaml` says what its data set is made from, and how its tiles are split."""
+"""A city as data: `cities/<name>.yaml` says what its data set is made from, and how its tiles are split.
+
+With it stand the folders of map data below `sumo_nets/`, and the extracts of the city in use, the best tagged first.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +13,28 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import yaml
+from lxml import etree
 from msgspec import Meta
 
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
 from tsbench.core.fetch import fetch_file
 from tsbench.core.files import sha256_of, write_atomic
-from tsbench.core.paths import LEFT, MIRRORED, checked_city, cities_folder, city_names, driven_as
+from tsbench.core.paths import (
+    LEFT,
+    MIRRORED,
+    OWN_CITY,
+    checked_city,
+    cities_folder,
+    city_names,
+    data_file,
+    data_root,
+    driven_as,
+)
 from tsbench.core.typed import SCHEMA, read_sheet
+from tsbench.core.xmlfile import parse
 from tsbench.make.maps import overpass
-from tsbench.make.maps.names import extracts_in, file_at
+from tsbench.make.maps.names import SUFFIXES, extracts_in, file_at
 from tsbench.make.maps.utm import UtmFrame
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.countries import Side, country_code, country_codes, driving_sides, load_country
@@ -191,3 +206,100 @@ def fetch_extracts(name: str, osm_dir: Path, on_progress: Callable[[str], None])
             fetch_file(extract.address, extract.bytes, extract.sha256, path)
         check_extract(extract, path)
         on_progress(f"{path}: OpenStreetMap of {extract.date}, {extract.licence}")
+
+
+def sumo_nets() -> Path:
+    """The folder that map data is made in: extracts, what was made of them, the pool's index."""
+    return data_root() / "sumo_nets"
+
+
+def sources_dir() -> Path:
+    """Default folder of OSM extracts (not committed; `tsbench maps fetch` fills it)."""
+    return sumo_nets() / "sources"
+
+
+def build_dir() -> Path:
+    """Everything that can be made again: parsed networks, harvest progress (not committed)."""
+    return sumo_nets() / "build"
+
+
+def netconvert_file(name: str) -> Path:
+    return data_file(f"sumo_nets/netconvert/{name}")
+
+
+def types_file() -> Path:
+    """The city's type map: what netconvert takes for lanes, speeds and widths by road class.
+
+    One with its country's speeds is made below `build_dir()`, the same bytes each time.
+    """
+    city = chosen_city()
+    if city.types != COUNTRY_TYPES:
+        return netconvert_file(city.types)
+    made = build_dir() / "types" / f"{city.country}.typ.xml"
+    return _types_of_country(city.country, netconvert_file(TOWN_TYPES), made)
+
+
+@cache
+def _types_of_country(code: str, town: Path, made: Path) -> Path:
+    """Write a town's type map with the limits that hold in a country where no plate says otherwise."""
+    traffic = load_country(code).traffic
+    assert traffic is not None, "load_city has looked"
+    root = parse(town.read_bytes(), town, "types", "type map")
+    for road, speed in traffic.speeds_mps.items():
+        for kind in root.iterfind(f"type[@id='highway.{road}']"):
+            kind.set("speed", f"{speed:.2f}")
+    content = etree.tostring(root, encoding="UTF-8")
+    if not made.is_file() or made.read_bytes() != content:
+        write_atomic(made, content)
+    return made
+
+
+def made_pool() -> Path:
+    """Where a harvest writes the city's pool; its counts lie beside it."""
+    return DataSet.in_use().folder / "sumo_nets" / "pool.parquet"
+
+
+def extract_info(name: str) -> Extract:
+    """An extract of the city; another counts as well tagged, ranks after those, and is its own code."""
+    known = chosen_city().extracts
+    other = Extract(name, name, True, "", "", "", 0, "", rank=len(known))
+    return next((extract for extract in known if extract.name == name), other)
+
+
+def by_preference(names: list[str]) -> list[str]:
+    """The names with well-tagged extracts first, in the city's order, then by name."""
+    infos = [extract_info(name) for name in names]
+    return [info.name for info in sorted(infos, key=lambda e: (not e.well_tagged, e.rank, e.name))]
+
+
+def find_extract(name: str, osm_dir: Path) -> Path:
+    """The extract called `name` in a folder, whatever its kind. Raises InputError for none or two."""
+    found = extracts_in(osm_dir, name)
+    if name in found:
+        return found[name]
+    address = extract_info(name).address
+    other = next((f" ({path.name} is not called so: rename it)" for path in found.values()), "")
+    raise InputError(
+        f"{osm_dir}: no extract '{name}' here ({name}.osm.gz or like){other}; "
+        + (f"it is at {address}, " if address else "")
+        + "`tsbench maps fetch` gets extracts, or name their folder with --osm"
+    )
+
+
+def list_extracts(osm_dir: Path) -> list[Path]:
+    """The extracts of a folder that a harvest takes, by name.
+
+    For Moscow all that lie there. For another city those that it names, each with its SHA-256.
+    """
+    if not osm_dir.is_dir():
+        raise InputError(f"{osm_dir}: no such folder of OSM extracts; `tsbench maps fetch` gets some, or use --osm DIR")
+    city = chosen_city()
+    if city.name != OWN_CITY:
+        named = {find_extract(extract.name, osm_dir): extract for extract in city.extracts}
+        for path, extract in named.items():
+            check_extract(extract, path)
+        return sorted(named)
+    found = sorted(extracts_in(osm_dir).values())
+    if not found:
+        raise InputError(f"{osm_dir}: no OSM extract in it (looked for {', '.join(SUFFIXES)})")
+    return found

@@ -7,8 +7,7 @@ from dataclasses import replace
 import pytest
 from simworld import simulation
 
-from tsbench.make.certify.certifier import Certifier
-from tsbench.make.certify.recertify import draw_sample
+from tsbench.make.certify.certifier import Certifier, draw_sample
 from tsbench.make.scenes.verify import verify_certificates
 from tsbench.run.edition import earlier_splits
 from tsbench.scenarios.certificates import Certificate, bases, certificates_of

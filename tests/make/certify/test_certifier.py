@@ -10,10 +10,9 @@ from simworld import SceneMaker, actors, road_plain, simulation, speed_plate, st
 
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import EpisodeFacts
-from tsbench.make.certify.certifier import Certifier
-from tsbench.make.certify.recertify import recertify
-from tsbench.make.certify.sanity import overlapping_pairs, road_users
-from tsbench.make.maps.build import build_net
+from tsbench.make.certify.certifier import Certifier, recertify
+from tsbench.make.certify.evidence import overlapping_pairs, road_users
+from tsbench.make.maps.netconvert import build_net
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates, write_certificates

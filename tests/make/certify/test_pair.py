@@ -9,10 +9,9 @@ import pytest
 from lxml import etree
 from simworld import SceneMaker, ego_at, road_plain, simulation, speed_plate, store_scenes
 
-from tsbench.make.certify.certifier import Certifier
-from tsbench.make.certify.pair import braking_before
-from tsbench.make.certify.recertify import draw_sample, recertify
-from tsbench.make.maps.build import build_net
+from tsbench.make.certify.certifier import Certifier, draw_sample, recertify
+from tsbench.make.certify.evidence import braking_before
+from tsbench.make.maps.netconvert import build_net
 from tsbench.make.scenes.traffic import Car
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network

@@ -12,8 +12,7 @@ from simworld import simulation
 import tsbench
 from tsbench.make.certify import certifier
 from tsbench.make.certify.certifier import Certifier
-from tsbench.make.certify.pair import alike_to_others
-from tsbench.make.certify.watching import HABITS, Habit, drawn_habits
+from tsbench.make.certify.evidence import HABITS, Habit, alike_to_others, drawn_habits
 from tsbench.planners.registry import resolve
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader

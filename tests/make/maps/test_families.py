@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from town import make_town
 
-from tsbench.make.maps.arms import Arm, least_separation, through_pairs
 from tsbench.make.maps.crop import REGISTRY, plain_crop
-from tsbench.make.maps.families.junction import junction_shape
-from tsbench.make.maps.families.roundabout import ARM_CUTS_M, shape_fault
-from tsbench.make.maps.lines import chord_over_arc
+from tsbench.make.maps.junctions import Arm, junction_shape, least_separation, through_pairs
+from tsbench.make.maps.pieces import chord_over_arc
+from tsbench.make.maps.roundabouts import ARM_CUTS_M, shape_fault
 from tsbench.make.maps.source import SourceNetwork
 from tsbench.scenarios.map_pool import PoolRow
 

@@ -12,9 +12,9 @@ from town import Town, make_town
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
+from tsbench.make.city import build_dir
 from tsbench.make.maps.crop import REGISTRY
 from tsbench.make.maps.harvest import Coverage, harvest
-from tsbench.make.maps.paths import build_dir
 from tsbench.make.maps.source import SourceNetwork, load_source
 from tsbench.make.pages.map_sheet import map_sheet
 from tsbench.scenarios.map_pool import POOL_SCHEMA, map_id, read_pool, write_pool

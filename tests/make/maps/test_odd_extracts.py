@@ -11,8 +11,8 @@ from odd_extracts import BUILT, REFUSED, SOUTH, grid
 from town import EAST
 
 from tsbench.core.errors import InputError
-from tsbench.make.maps.paths import types_file
-from tsbench.make.maps.plain_xml import class_speeds
+from tsbench.make.city import types_file
+from tsbench.make.maps.plain import class_speeds
 from tsbench.make.maps.source import SourceNetwork, load_source
 
 

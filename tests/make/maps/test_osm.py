@@ -15,9 +15,8 @@ from town import make_town
 
 from tsbench.core import paths
 from tsbench.core.errors import InputError
-from tsbench.make.maps.build import build_net
-from tsbench.make.maps.lint import loads_in_sumo
-from tsbench.make.maps.netconvert import convert_extract
+from tsbench.make.maps.crop_lint import loads_in_sumo
+from tsbench.make.maps.netconvert import build_net, convert_extract
 from tsbench.make.maps.osm import read_extract
 from tsbench.roads.network import read_network
 

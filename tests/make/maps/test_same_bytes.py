@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from tsbench.core.files import sha256_of
-from tsbench.make.city import load_city
-from tsbench.make.maps.extracts import list_extracts
+from tsbench.make.city import list_extracts, load_city
 from tsbench.make.maps.harvest import harvest
 from tsbench.make.maps.names import extract_name
 from tsbench.make.maps.source import load_source

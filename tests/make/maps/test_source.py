@@ -9,7 +9,7 @@ import pytest
 from town import EAST, NORTH, make_town
 
 from tsbench.core.errors import InputError
-from tsbench.make.maps.extracts import list_extracts
+from tsbench.make.city import list_extracts
 from tsbench.make.maps.source import SourceNetwork, load_source
 
 

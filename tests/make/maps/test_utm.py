@@ -13,9 +13,9 @@ from town import EAST, NORTH, Town, make_town
 
 from tsbench.core.errors import InputError
 from tsbench.make.maps.harvest import _check_one_frame
+from tsbench.make.maps.osm_objects import contents_of
 from tsbench.make.maps.source import SourceNetwork, load_source
 from tsbench.make.maps.utm import UtmFrame, frame_of, zones_at
-from tsbench.make.maps.versions import contents_of
 
 ZONES = st.integers(1, 60)
 

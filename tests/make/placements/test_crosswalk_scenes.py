@@ -21,17 +21,16 @@ from simworld import CALM, LIMIT, simulation
 from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.make.certify.certifier import Certifier
-from tsbench.make.maps.build import build_net
+from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainEdge, PlainNet, PlainNode
 from tsbench.make.placements.by_name import placement_of
-from tsbench.make.placements.crosswalk_net import bend_speed, kerb_to_kerb, to_crossing
+from tsbench.make.placements.crosswalk import bend_speed, kerb_to_kerb, to_crossing
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError
 from tsbench.make.placements.speed_zone import KMH
 from tsbench.make.scenes import map_scenarios as site_module
-from tsbench.make.scenes.lint import lint_scene
 from tsbench.make.scenes.map_scenarios import MapScenarios, SiteBuilder
-from tsbench.make.scenes.recipe import Recipe, load_recipe
-from tsbench.make.scenes.variants import Variant, variants_of
+from tsbench.make.scenes.recipe import Recipe, Variant, load_recipe, variants_of
+from tsbench.make.scenes.scene_lint import lint_scene
 from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.registry import resolve
 from tsbench.report.drawing.canvas import STYLE

@@ -11,12 +11,12 @@ from pool_builders import crossroads, prepared, recipe_of
 from simworld import CALM, cross_plain
 
 from tsbench.geometry.overlap import conflict_zone
-from tsbench.make.maps.build import build_net
+from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainNet
 from tsbench.make.placements.by_name import placement_of
-from tsbench.make.placements.junction_arms import bending_arms, through_arms
+from tsbench.make.placements.junction_priority import bending_arms, through_arms
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError
-from tsbench.make.scenes.variants import Variant
+from tsbench.make.scenes.recipe import Variant
 from tsbench.roads.junction_paths import junction_path
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import Connection, RoadNetwork, read_network

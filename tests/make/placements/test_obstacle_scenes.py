@@ -14,14 +14,14 @@ from simworld import CALM, LIMIT, cross_plain, road_plain, simulation
 from tsbench.episode.outcome import Contact, Outcome
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, read_trace, write_trace
-from tsbench.make.maps.build import build_net
+from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainNet
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError
 from tsbench.make.scenes import map_scenarios as site_module
-from tsbench.make.scenes.lint import lint_scene
 from tsbench.make.scenes.map_scenarios import SiteBuilder
-from tsbench.make.scenes.variants import Variant, variants_of
+from tsbench.make.scenes.recipe import Variant, variants_of
+from tsbench.make.scenes.scene_lint import lint_scene
 from tsbench.planners.registry import resolve
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network

@@ -22,9 +22,9 @@ from tsbench.make.maps.plain import PlainEdge, PlainNet, PlainNode, split_edge
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.placements.placement import Arrangement, SceneTask
 from tsbench.make.scenes import map_scenarios as site_module
-from tsbench.make.scenes.lint import lint_scene
 from tsbench.make.scenes.map_scenarios import MapScenarios, SiteBuilder
-from tsbench.make.scenes.variants import Variant, variants_of
+from tsbench.make.scenes.recipe import Variant, variants_of
+from tsbench.make.scenes.scene_lint import lint_scene
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.certificates import Certificate

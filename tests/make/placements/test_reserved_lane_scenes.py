@@ -13,16 +13,15 @@ import pytest
 from pool_builders import corridor, prepared, recipe_of, row, two_way
 from simworld import CALM, LIMIT, edge, plain, simulation
 
-from tsbench.make.maps.build import build_net
+from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainEdge, PlainNet, PlainNode
 from tsbench.make.placements.by_name import placement_of
-from tsbench.make.placements.contraflow import contra_id, turn_leftmost
-from tsbench.make.placements.lane_users import way_from_standstill
-from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError
+from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError, way_from_standstill
+from tsbench.make.placements.reserved_lane_scenes import contra_id, turn_leftmost
 from tsbench.make.scenes import map_scenarios as site_module
-from tsbench.make.scenes.lint import lint_scene
 from tsbench.make.scenes.map_scenarios import SiteBuilder
-from tsbench.make.scenes.variants import Variant, variants_of
+from tsbench.make.scenes.recipe import Variant, variants_of
+from tsbench.make.scenes.scene_lint import lint_scene
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.data_set import DataSet

@@ -14,8 +14,8 @@ from tsbench.make.maps.plain import PlainNet, PlainNode
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.placements.obedient_way import drive_time, grazing_turns, sharpest_bend, waits
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError
+from tsbench.make.scenes.recipe import Variant
 from tsbench.make.scenes.traffic import Router, TrafficRequest, standing_cars
-from tsbench.make.scenes.variants import Variant
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow

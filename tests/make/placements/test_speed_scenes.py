@@ -12,15 +12,15 @@ from pool_builders import corridor, prepared, recipe_of, two_way
 from simworld import CALM, FAST, LIMIT, simulation
 
 from tsbench.core.paths import using_city
-from tsbench.make.maps.build import build_net
+from tsbench.make.maps.netconvert import build_net
 from tsbench.make.placements.by_name import placement_of
-from tsbench.make.placements.min_speed import task_minimum
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError
+from tsbench.make.placements.speed_zone import task_minimum
 from tsbench.make.scenes import map_scenarios as site_module
-from tsbench.make.scenes.lint import lint_scene
 from tsbench.make.scenes.map_scenarios import SiteBuilder
 from tsbench.make.scenes.placed_plates import scene_vehicles
-from tsbench.make.scenes.variants import INITIAL_SPEEDS_MPS, Variant, variants_of
+from tsbench.make.scenes.recipe import INITIAL_SPEEDS_MPS, Variant, variants_of
+from tsbench.make.scenes.scene_lint import lint_scene
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.data_set import DataSet

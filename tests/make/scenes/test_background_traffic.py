@@ -13,19 +13,28 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simworld import CALM, SceneMaker, plate, simulation
 
-from tsbench.make.scenes.demand_calibration import (
+from tsbench.make.scenes.elements import background, driver_types, write_additional
+from tsbench.make.scenes.plate_roads import plate_roads
+from tsbench.make.scenes.scene_files import (
     CYCLE_S,
     DENSITY_WINDOW_S,
     EVERY_TICKS,
     GREEN_S,
     LEAST_HEADWAY_S,
     DemandCalibration,
+    lead_time,
 )
-from tsbench.make.scenes.drivers import Driver
-from tsbench.make.scenes.elements import background, driver_types, write_additional
-from tsbench.make.scenes.plate_roads import plate_roads
-from tsbench.make.scenes.scene_files import lead_time
-from tsbench.make.scenes.traffic import Car, Router, Sent, TrafficRequest, avoidable, lane_km, shut_roads, standing_cars
+from tsbench.make.scenes.traffic import (
+    Car,
+    Driver,
+    Router,
+    Sent,
+    TrafficRequest,
+    avoidable,
+    lane_km,
+    shut_roads,
+    standing_cars,
+)
 from tsbench.roads.lane_graph import Destination, LaneGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.sim.scene import EgoStart

@@ -9,11 +9,10 @@ import pytest
 import yaml
 from labelled import network
 
-from tsbench.make.scenes.driven_plates import broken_plates
-from tsbench.make.scenes.place_lint import BROKEN, PlateFinding, finding_counts
-from tsbench.make.scenes.placed_plates import PlacedPlates, RoutedVehicle
+from tsbench.make.scenes.placed_plates import PlacedPlates, RoutedVehicle, broken_plates
 from tsbench.make.scenes.plate_places import refused
 from tsbench.make.scenes.plate_roads import PlateRoads
+from tsbench.make.scenes.verify import BROKEN, PlateFinding, finding_counts
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.signs.annotations import ALL_LANES, DISTRACTOR, SignInstance
 from tsbench.signs.catalog import load_catalog

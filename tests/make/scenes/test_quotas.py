@@ -200,7 +200,7 @@ def test_what_changed_is_built_again(tmp_path: Path) -> None:
 
 def test_what_a_build_writes_does_not_undo_it() -> None:
     """Certificates and tables change with each type that is ready; a build that goes on must not start again."""
-    start = Path(build_module.__file__).parents[1] / "placements" / "reserved_lane.py"
+    start = Path(build_module.__file__).parents[1] / "placements" / "reserved_lane_scenes.py"
     counted = closure([build_module._MAKER, start], build_module._LEFT_OUT)
     data = {name.partition(": ")[2] for name in counted if ": " in name}
     assert "sumo_nets/pool.parquet" in data

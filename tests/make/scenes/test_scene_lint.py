@@ -11,9 +11,9 @@ import pytest
 from lxml import etree
 from simworld import SceneMaker, edge, obstacle, place, plain, plate
 
-from tsbench.make.maps.build import build_net
+from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainNode
-from tsbench.make.scenes.lint import lint_limits, lint_scene
+from tsbench.make.scenes.scene_lint import lint_limits, lint_scene
 from tsbench.make.scenes.traffic import Car
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network

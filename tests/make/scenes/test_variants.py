@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsbench.core.seeds import rng_of, seed_of
-from tsbench.make.scenes.drivers import BODIES, draw_driver, draw_drivers
-from tsbench.make.scenes.variants import LAYOUTS, ROUTE_LENGTHS_M, Variant, variants_of
+from tsbench.make.scenes.recipe import LAYOUTS, ROUTE_LENGTHS_M, Variant, variants_of
+from tsbench.make.scenes.traffic import BODIES, draw_driver, draw_drivers
 from tsbench.sim.nuplan import quantile, quantile_speed, statistics
 
 NAMES = st.text(st.characters(min_codepoint=32), max_size=20)
@@ -35,7 +35,7 @@ def test_variants_never_change() -> None:
 
 
 def test_neither_hash_seed_nor_order_matters() -> None:
-    code = "from tsbench.make.scenes.variants import variants_of as v; print(v('yield', 'b'), v('yield', 'a'))"
+    code = "from tsbench.make.scenes.recipe import variants_of as v; print(v('yield', 'b'), v('yield', 'a'))"
     told = {
         subprocess.run(
             [sys.executable, "-c", code], capture_output=True, text=True, check=True, env={"PYTHONHASHSEED": seed}

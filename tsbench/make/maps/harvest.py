@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import inspect
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -17,16 +18,11 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of, write_json
 from tsbench.core.parallel import CachedResult, worker_processes
 from tsbench.core.paths import cities_folder
-from tsbench.make.city import chosen_city
+from tsbench.make.city import build_dir, by_preference, chosen_city, list_extracts, netconvert_file, types_file
 from tsbench.make.maps.crop import REGISTRY, plain_crop
-from tsbench.make.maps.cut import EdgePiece
-from tsbench.make.maps.extracts import by_preference, list_extracts
-from tsbench.make.maps.families.common import piece_line
-from tsbench.make.maps.families.expectations import expectations
-from tsbench.make.maps.lines import densified
-from tsbench.make.maps.lint import lint_crops
+from tsbench.make.maps.crop_lint import expectations, lint_crops
 from tsbench.make.maps.names import extract_name
-from tsbench.make.maps.paths import build_dir, netconvert_file, types_file
+from tsbench.make.maps.pieces import EdgePiece, densified, piece_line
 from tsbench.make.maps.source import SourceNetwork, kept_source, load_source
 from tsbench.make.maps.utm import UtmFrame
 from tsbench.scenarios.map_pool import PoolRow, read_pool, write_pool
@@ -117,7 +113,7 @@ def _key(extracts: Sequence[Path]) -> str:
     """A digest of extracts, configurations and this package's code: other inputs, another folder."""
     inputs = [*extracts, cities_folder() / f"{chosen_city().name}.yaml", types_file()]
     inputs += [netconvert_file(name) for name in ("extract.netccfg", "crop.netccfg")]
-    inputs += sorted(Path(__file__).parent.rglob("*.py"))
+    inputs += [Path(inspect.getfile(chosen_city)), *sorted(Path(__file__).parent.glob("*.py"))]
     digest = hashlib.blake2b(digest_size=8)
     for path in inputs:
         digest.update(f"{path.name} {sha256_of(path)}\n".encode())

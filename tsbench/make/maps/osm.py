@@ -15,12 +15,10 @@ import numpy as np
 import osmium
 
 from tsbench.core.errors import InputError
-from tsbench.make.maps.car_roads import CAR_ROADS, ClosedRoads, closed_by, for_cars
-from tsbench.make.maps.degrees import FARTHEST_KM
 from tsbench.make.maps.names import check_file
-from tsbench.make.maps.plausible import SetAside, some
+from tsbench.make.maps.osm_objects import FARTHEST_KM, contents_of, not_whole
+from tsbench.make.maps.road_tags import CAR_ROADS, ClosedRoads, SetAside, closed_by, for_cars, some
 from tsbench.make.maps.utm import Floats, UtmFrame
-from tsbench.make.maps.versions import contents_of, not_whole
 
 
 @dataclass(frozen=True)

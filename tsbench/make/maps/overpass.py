@@ -15,7 +15,7 @@ import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of, write_atomic
 from tsbench.core.xmlfile import parse
-from tsbench.make.maps.car_roads import CAR_ROADS
+from tsbench.make.maps.road_tags import CAR_ROADS
 
 Box = tuple[float, float, float, float]  # west, south, east, north, degrees
 Outline = tuple[tuple[float, float], ...]  # corners, (longitude, latitude), degrees; the first is not repeated

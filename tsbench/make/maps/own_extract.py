@@ -11,7 +11,7 @@ import osmium
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
 from tsbench.make.maps.names import check_file, ending_of, extract_name, opened_xml
-from tsbench.make.maps.versions import contents_of, osm_file
+from tsbench.make.maps.osm_objects import contents_of, osm_file
 
 # Where the head of a file gives its time: in PBF, and in answers of Overpass.
 _HEAD = ("osmosis_replication_timestamp", "timestamp")

@@ -16,12 +16,10 @@ import pyarrow.parquet as pq
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing, sha256_of
-from tsbench.make.city import chosen_city
-from tsbench.make.maps.extracts import find_extract
+from tsbench.make.city import build_dir, chosen_city, find_extract, netconvert_file, types_file
 from tsbench.make.maps.names import extract_name
 from tsbench.make.maps.netconvert import convert_to_plain
-from tsbench.make.maps.paths import build_dir, netconvert_file, types_file
-from tsbench.make.maps.plain_xml import (
+from tsbench.make.maps.plain import (
     ParsedEdge,
     class_speeds,
     parse_edges,
@@ -29,7 +27,7 @@ from tsbench.make.maps.plain_xml import (
     parse_projection,
     parse_roundabouts,
 )
-from tsbench.make.maps.plausible import FASTEST_MPS
+from tsbench.make.maps.road_tags import FASTEST_MPS
 from tsbench.make.maps.utm import WIDEST_M, Floats, UtmFrame, frame_of
 
 SCHEMA = 6

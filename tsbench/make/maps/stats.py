@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tsbench.core.files import io_errors_as_input_errors, replacing
-from tsbench.make.city import chosen_city
-from tsbench.make.maps.extracts import by_preference, extract_info
+from tsbench.make.city import by_preference, chosen_city, extract_info
 from tsbench.scenarios.map_pool import FAMILIES, SLOTS, PoolRow
 
 # drawn in this order: the many first

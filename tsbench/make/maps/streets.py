@@ -1,6 +1,6 @@
 """What kind of streets an extract has: OSMnx's statistics of its street network, over the roads that tsbench takes.
 
-Source: Boeing (2017, 2019), as OSMnx computes them. Roads are those of `car_roads`.
+Source: Boeing (2017, 2019), as OSMnx computes them. Roads are those of `road_tags`.
 """
 
 from __future__ import annotations

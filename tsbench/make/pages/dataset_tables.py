@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import isnan
+from statistics import mean
 from typing import Any
 
-from tsbench.make.scenes.axes import TypeAxes
+from tsbench.make.city import chosen_city
 from tsbench.make.scenes.overview import TypeStats, shown_reason
-from tsbench.make.scenes.tagging import GOAL, Tagging
+from tsbench.make.scenes.recipe import load_recipes, stratum_of
+from tsbench.make.scenes.split import split_pool
 from tsbench.report.analyses.analysis import Analysis, Column, Kind, Row, Table, to_markdown
 from tsbench.report.analyses.columns import count_columns, number_columns, text_columns
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.map_pool import read_pool
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import SIGNED, ScenarioSpec
+from tsbench.signs.annotations import DISTRACTOR
+from tsbench.sim.scene import SceneLayout
 
 _SAME = ("solvable", "tempting", "engaged", "sane")
 _SHARES = {"tagged": "tagged_share", **{name: name for name in _SAME}, "again": "reproduced"}
@@ -160,3 +169,148 @@ def _counts(counts: Mapping[str, int]) -> str:
 
 def _reasons(reasons: Mapping[str, int]) -> str:
     return "; ".join(f"{n} {shown_reason(why)}" for why, n in reasons.items()) or "none"
+
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class TypeAxes:
+    """Signed rows of a type in one split.
+
+    plates, speeds, densities: distinct values in the type: of the plate with what it posts, initial speeds, densities.
+    distractors, lanes, destinations, approaches, lengths: distinct values on a map, mean over maps: sets of plates that
+    do not bind, lanes in which the ego starts, edges where it is to arrive, edges of the plate, asked lengths of route.
+    apart: share of rows that differ from every other row of their map in plate, value, distractors, start lane or
+    destination. apart_bare: likewise without distractors.
+    """
+
+    type_id: str
+    split: str
+    plates: int
+    speeds: int
+    densities: int
+    distractors: float
+    lanes: float
+    destinations: float
+    approaches: float
+    lengths: float
+    apart: float
+    apart_bare: float
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What one row asks: the plate and its value, other plates, where the ego starts, and where it is to arrive."""
+
+    plate: tuple[str, float | None]
+    approach: str
+    distractors: tuple[tuple[str, float | None, str], ...]
+    lane: str
+    destination: str
+
+    @property
+    def bare(self) -> tuple[object, ...]:
+        return (self.plate, self.approach, self.lane, self.destination)
+
+
+def asked_of(layout: SceneLayout) -> Asked:
+    target = next(sign for sign in layout.signs if sign.id == layout.target)
+    others = sorted((sign.code, sign.value, sign.edge) for sign in layout.signs if sign.role == DISTRACTOR)
+    return Asked((target.code, target.value), target.edge, tuple(others), layout.start.lane, layout.destination.edge)
+
+
+def type_axes(specs: Sequence[ScenarioSpec], progress: Progress) -> list[TypeAxes]:
+    """One entry per type and split, in alphabetical order. Reads each signed row's scene. Raises InputError."""
+    loader = SceneLoader(DataSet.in_use())
+    # Rows of a map one after the other: the store unpacks a map at a time.
+    signed = sorted((s for s in specs if s.half == SIGNED), key=lambda s: (s.split, s.pair_type, s.map_id, s.variant))
+    groups: dict[tuple[str, str], list[tuple[ScenarioSpec, Asked]]] = defaultdict(list)
+    for number, spec in enumerate(signed):
+        progress(number + 1, len(signed))
+        asked = asked_of(loader.layout(spec)[1])
+        groups[(spec.pair_type, spec.split)].append((spec, asked))
+    return [axes_of(*key, rows) for key, rows in sorted(groups.items())]
+
+
+def axes_of(type_id: str, split: str, rows: Sequence[tuple[ScenarioSpec, Asked]]) -> TypeAxes:
+    maps: dict[str, list[tuple[ScenarioSpec, Asked]]] = defaultdict(list)
+    for spec, asked in rows:
+        maps[spec.map_id].append((spec, asked))
+
+    def on_a_map(value: Callable[[ScenarioSpec, Asked], object]) -> float:
+        return mean(len({value(*row) for row in of}) for of in maps.values())
+
+    def apart(value: Callable[[Asked], object]) -> float:
+        alone = 0
+        for of in maps.values():
+            tally = Counter(value(asked) for _, asked in of)
+            alone += sum(count == 1 for count in tally.values())
+        return alone / len(rows)
+
+    return TypeAxes(
+        type_id,
+        split,
+        plates=len({asked.plate for _, asked in rows}),
+        speeds=len({spec.initial_speed for spec, _ in rows}),
+        densities=len({spec.density for spec, _ in rows}),
+        distractors=on_a_map(lambda _, asked: asked.distractors),
+        lanes=on_a_map(lambda _, asked: asked.lane),
+        destinations=on_a_map(lambda _, asked: asked.destination),
+        approaches=on_a_map(lambda _, asked: asked.approach),
+        lengths=on_a_map(lambda spec, _: spec.route_length),
+        apart=apart(lambda asked: asked),
+        apart_bare=apart(lambda asked: asked.bare),
+    )
+
+
+# Of a routing type's test maps at most this share is to be from the generalised extract (docs/scenes.md).
+GOAL = 0.3
+ROUTING = "routing"
+
+
+@dataclass(frozen=True)
+class Tagging:
+    """Maps of a type in one split. plain: from the generalised extract. there: tagged maps of the pool in that split.
+
+    `there` counts what the recipe's strata admit. A build tries these before any plain map of the same stratum.
+    """
+
+    type_id: str
+    split: str
+    routing: bool
+    maps: int
+    plain: int
+    there: int
+
+    @property
+    def share(self) -> float:
+        return self.plain / self.maps
+
+    @property
+    def tagged(self) -> int:
+        return self.maps - self.plain
+
+
+def tagging(specs: Sequence[ScenarioSpec]) -> list[Tagging]:
+    """One entry per type and split, in alphabetical order. Raises InputError."""
+    data = DataSet.in_use()
+    pool = read_pool(data.pool_path)
+    known, split_of = {row.map_id: row for row in pool}, split_pool(pool, chosen_city().split)
+    used: dict[tuple[str, str], set[str]] = defaultdict(set)
+    for spec in specs:
+        used[(spec.pair_type, spec.split)].add(spec.map_id)
+    found = []
+    recipes = {recipe.type.id: recipe for recipe in load_recipes(data.catalog, {type_id for type_id, _ in used})}
+    for (type_id, split), maps in sorted(used.items()):
+        recipe = recipes[type_id]
+        there = sum(
+            row.well_tagged
+            and row.family == recipe.type.family
+            and split_of[row.map_id] == split
+            and stratum_of(row) in recipe.maps
+            for row in pool
+        )
+        plain = sum(not known[one].well_tagged for one in maps)
+        found.append(Tagging(type_id, split, recipe.type.group == ROUTING, len(maps), plain, there))
+    return found

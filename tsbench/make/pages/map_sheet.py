@@ -11,8 +11,8 @@ import shapely
 
 from tsbench.core.errors import InputError
 from tsbench.geometry.overlap import strip
-from tsbench.make.maps.build import build_net
 from tsbench.make.maps.crop import plain_crop
+from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.source import SourceNetwork, load_source
 from tsbench.report.drawing.canvas import STYLE, Area, Image, camera_over
 from tsbench.report.drawing.paint import paint, save_png, sheet

@@ -19,7 +19,7 @@ from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, trace_of
-from tsbench.make.certify.pair import AnswerReplay
+from tsbench.make.certify.evidence import AnswerReplay
 from tsbench.make.scenes.recipe import load_recipe
 from tsbench.planners.base import Control
 from tsbench.planners.registry import LoadedPlanner, resolve

@@ -6,17 +6,14 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from tsbench.core.errors import InputError
-from tsbench.make.placements.closed_road import ClosedRoadPlacement
-from tsbench.make.placements.contraflow import ContraflowPlacement
+from tsbench.make.placements.blocked_ways import ClosedRoadPlacement, DetourPlacement
 from tsbench.make.placements.crosswalk import CrosswalkPlacement
-from tsbench.make.placements.detour import DetourPlacement
 from tsbench.make.placements.dual_path import ManoeuvrePlacement, NoEntryPlacement, OneWayPlacement
 from tsbench.make.placements.junction import GiveWayPlacement
-from tsbench.make.placements.min_speed import MinSpeedPlacement
 from tsbench.make.placements.placement import ScenePlacement
-from tsbench.make.placements.reserved_lane import ReservedLanePlacement
+from tsbench.make.placements.reserved_lane_scenes import ContraflowPlacement, ReservedLanePlacement
 from tsbench.make.placements.roundabout import RoundaboutPlacement
-from tsbench.make.placements.speed_zone import SpeedZonePlacement, ZonePlacement
+from tsbench.make.placements.speed_zone import MinSpeedPlacement, SpeedZonePlacement, ZonePlacement
 from tsbench.make.scenes.recipe import Recipe
 
 PLACEMENTS: Mapping[str, Callable[[Recipe], ScenePlacement]] = MappingProxyType(

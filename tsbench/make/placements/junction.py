@@ -13,15 +13,19 @@ from types import MappingProxyType
 from lxml import etree
 
 from tsbench.make.maps.plain import PlainNet
-from tsbench.make.placements.junction_arms import Arms, bending_arms, exchanged_arms, through_arms, with_priorities
-from tsbench.make.placements.junction_convoy import (
+from tsbench.make.placements.junction_priority import (
     SHARES,
+    Arms,
     Conflict,
+    bending_arms,
     conflicts,
     convoy,
     convoy_speed,
     ego_speeds,
+    exchanged_arms,
     line_lead,
+    through_arms,
+    with_priorities,
 )
 from tsbench.make.placements.placement import (
     Arrangement,

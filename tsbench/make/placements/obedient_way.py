@@ -16,11 +16,11 @@ import shapely
 
 from tsbench.geometry.angles import STRAIGHT, turn_class
 from tsbench.geometry.polyline import Polyline, join
-from tsbench.make.maps.lines import heading_away, heading_towards
+from tsbench.make.maps.pieces import heading_away, heading_towards
 from tsbench.make.maps.plain import PlainEdge, PlainNet
 from tsbench.make.placements.placement import require
-from tsbench.make.scenes.drivers import BODIES
 from tsbench.make.scenes.recipe import Recipe
+from tsbench.make.scenes.traffic import BODIES
 from tsbench.roads.junction_paths import junction_path
 from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.roads.network import Connection, RoadNetwork

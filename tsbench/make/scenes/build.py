@@ -24,10 +24,9 @@ from tsbench.core.files import write_json
 from tsbench.core.parallel import CachedResult, Workers, worker_processes
 from tsbench.core.paths import OWN_CITY
 from tsbench.core.provenance import closure, digest, versions
-from tsbench.make.city import chosen_city
+from tsbench.make.city import chosen_city, made_pool
 from tsbench.make.maps.ground import write_ground
 from tsbench.make.maps.harvest import harvest
-from tsbench.make.maps.paths import made_pool
 from tsbench.make.maps.source import kept_source
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.scenes.map_scenarios import MapScenarios, Prover, SiteBuilder

@@ -9,8 +9,7 @@ from pathlib import Path
 from lxml import etree
 
 from tsbench.core.files import write_atomic
-from tsbench.make.scenes.drivers import Driver
-from tsbench.make.scenes.traffic import Car
+from tsbench.make.scenes.traffic import Car, Driver
 from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_DECEL_MPS2, MAX_SPEED_MPS
 from tsbench.sim.scene import EgoStart, Obstacle

@@ -9,20 +9,17 @@ from typing import Protocol
 from tsbench.core.benchmark import VARIANTS_OF
 from tsbench.core.errors import SimulationError
 from tsbench.core.xmlfile import read_plain, sha256
-from tsbench.make.maps.build import build_net
 from tsbench.make.maps.crop import plain_crop
+from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainNet
 from tsbench.make.maps.source import SourceNetwork
 from tsbench.make.placements.by_name import placement_of
-from tsbench.make.placements.counterparts import with_same_plates
-from tsbench.make.placements.distractors import distractors
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError, UnluckyDrawError
-from tsbench.make.scenes.drivers import draw_drivers
+from tsbench.make.placements.posts import distractors, with_same_plates
 from tsbench.make.scenes.plate_places import refused
-from tsbench.make.scenes.recipe import Recipe
+from tsbench.make.scenes.recipe import Recipe, Variant, variants_of
 from tsbench.make.scenes.scene_files import OtherTraffic, SceneFileWriter
-from tsbench.make.scenes.traffic import lane_km
-from tsbench.make.scenes.variants import Variant, variants_of
+from tsbench.make.scenes.traffic import draw_drivers, lane_km
 from tsbench.make.seeds import rng_of
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.localization import LaneLocator

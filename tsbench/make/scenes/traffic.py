@@ -1,11 +1,12 @@
-"""Background traffic of a scene: SUMO vehicles, their routes and departures.
+"""Background traffic of a scene: drivers drawn from the nuPlan figures, SUMO vehicles, their routes and departures.
 
 Cars stand on every lane at the asked spacing when the episode begins; later vehicles come from a dry run in SUMO
-(demand_calibration). Units: m, s, m/s.
+(`scene_files`). Source: docs/simulation.md, "Traffic". Units: m, s, m/s.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
@@ -13,11 +14,65 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsbench.geometry.angles import STRAIGHT
-from tsbench.make.scenes.drivers import Driver
 from tsbench.make.scenes.plate_roads import PlateRoads
 from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.roads.network import Lane, RoadNetwork
+from tsbench.sim.nuplan import quantile_speed, statistics
 from tsbench.sim.scene import EgoStart
+
+DRIVERS_PER_DRAW = 12
+# Bodies by nuPlan's size classes: length, width in m.
+BODIES = {"s": (3.7, 1.65), "m": (4.5, 1.85), "l": (5.3, 2.0), "xl": (8.5, 2.4)}
+
+
+@dataclass(frozen=True, slots=True)
+class Driver:
+    """One IDM driver: desired speed (m/s), a, b (m/s2), headway (s), standstill gap (m), body length and width (m)."""
+
+    speed: float
+    accel: float
+    decel: float
+    headway: float
+    gap: float
+    length: float
+    width: float
+
+
+def _lognormal(rng: np.random.Generator, median: float, mean: float, low: float, high: float) -> float:
+    sigma = math.sqrt(2.0 * math.log(mean / median))
+    return float(np.clip(median * math.exp(sigma * rng.standard_normal()), low, high))
+
+
+def draw_driver(rng: np.random.Generator) -> Driver:
+    """One driver.
+
+    Free-flow speed: the upper three fifths of moving speeds, because the lower ones are cars held up by others.
+    IDM's a and b are *largest* comfortable values: twice the published typical ones. The headway is what the published
+    median gap is at the published median speed.
+    """
+    stats = statistics()
+    acc, dec = stats["acceleration_mps2"], stats["deceleration_mps2"]
+    following = stats["following_distance_m"]
+    gap = float(rng.uniform(1.5, 3.0))
+    headway = (float(following["p50"]) - gap) / float(stats["speed_mps"]["p50"])
+    spread = float(following["mean"]) / float(following["p50"])
+    sizes = stats["size_mix"]
+    size = str(rng.choice(list(sizes), p=np.array(list(sizes.values())) / sum(sizes.values())))
+    length, width = BODIES[size]
+    return Driver(
+        speed=quantile_speed(float(rng.uniform(0.4, 1.0))),
+        accel=_lognormal(rng, 2 * float(acc["p50"]), 2 * float(acc["mean"]), 0.8, 2.8),
+        decel=_lognormal(rng, 2 * float(dec["p50"]), 2 * float(dec["mean"]), 1.0, 3.5),
+        headway=_lognormal(rng, headway, headway * spread, 0.8, 3.0),
+        gap=gap,
+        length=length,
+        width=width,
+    )
+
+
+def draw_drivers(rng: np.random.Generator) -> tuple[Driver, ...]:
+    return tuple(draw_driver(rng) for _ in range(DRIVERS_PER_DRAW))
+
 
 CLEAR_BEHIND_M = 40.0
 CLEAR_BESIDE_M = 12.0

@@ -1,23 +1,32 @@
-"""Checks scenario rows: hashes, and whether each scene is what it says (docs/scenes.md, "Certificates", sane)."""
+"""Checks scenario rows: hashes, and whether each scene is what it says (docs/scenes.md, "Certificates", sane).
+
+`lint_rows` says where plates stand wrong and how others drive past them: `tsbench scenarios lint`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Container, Iterable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
 
 import shapely
 
 from tsbench.core.errors import InputError
-from tsbench.make.scenes.lint import lint_limits, lint_scene
+from tsbench.make.scenes.placed_plates import PlacedPlates, broken_plates, scene_vehicles
+from tsbench.make.scenes.plate_places import refused
+from tsbench.make.scenes.plate_roads import plate_roads
 from tsbench.make.scenes.recipe import recipe_types
+from tsbench.make.scenes.scene_lint import lint_limits, lint_scene
 from tsbench.make.scenes.split import APART_M, extents, with_places
+from tsbench.roads.lane_graph import LaneGraph
 from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.map_pool import read_pool
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
-from tsbench.signs.annotations import DISTRACTOR
+from tsbench.signs.annotations import DISTRACTOR, TARGET
+from tsbench.sim.scene import Scene
+from tsbench.sim.scene_file import EGO_ID
 
 
 def verify_rows(
@@ -118,3 +127,74 @@ def verify_split(specs: Sequence[ScenarioSpec], pool: Path) -> list[tuple[str, s
         wrong = {s.map_id for s in own if s.place not in ("", place[s.map_id])}
         problems += [(m, f"is of place {place[m]}") for m in sorted(wrong)]
     return problems
+
+
+BROKEN, BROKEN_BY_EGO = "broken", "broken by ego"
+
+
+@dataclass(frozen=True, slots=True)
+class PlateFinding:
+    """A plate that cannot stand where it stands, or that a vehicle's way breaks.
+
+    kind: the kind of place that the plate needs, BROKEN or BROKEN_BY_EGO. why: the reason.
+    """
+
+    scenario_id: str
+    plate: str
+    code: str
+    role: str
+    kind: str
+    why: str
+
+    def __str__(self) -> str:
+        return f"{self.plate} ({self.code}, {self.role}): {self.kind}: {self.why}"
+
+
+def lint_places(scene: Scene, graph: LaneGraph, scenario_id: str = "") -> tuple[PlateFinding, ...]:
+    """All findings of one scene: by plate, then by vehicle."""
+    placed = placed_plates(scene, graph)
+    found = [
+        PlateFinding(scenario_id, plate.id, plate.code, plate.role, place, why)
+        for plate in placed.plates
+        for place, why in refused(placed, plate)
+    ]
+    for vehicle in placed.vehicles:
+        kind = BROKEN_BY_EGO if vehicle.id == EGO_ID else BROKEN
+        found += [
+            PlateFinding(scenario_id, plate.id, plate.code, plate.role, kind, f"{vehicle.id} {why}")
+            for plate, why in broken_plates(placed, vehicle)
+        ]
+    return tuple(found)
+
+
+def placed_plates(scene: Scene, graph: LaneGraph) -> PlacedPlates:
+    """What decides where a loaded scene's plates can stand."""
+    return PlacedPlates(scene.catalog, plate_roads(graph), scene.signs, scene.obstacles, scene_vehicles(scene))
+
+
+def lint_rows(
+    specs: Sequence[ScenarioSpec], loader: SceneLoader, progress: Callable[[int], None]
+) -> list[PlateFinding]:
+    """The findings of all rows, in their order. Raises InputError for a scene that cannot be loaded."""
+    found: list[PlateFinding] = []
+    for k, spec in enumerate(specs):
+        scene, roads = loader.load(spec)
+        found += lint_places(scene, roads.graph, spec.scenario_id)
+        progress(k + 1)
+    return found
+
+
+def finding_counts(findings: Sequence[PlateFinding]) -> list[tuple[str, str, int, int, int]]:
+    """By kind and group of signs (3.18.1 -> 3.18), then of all places and of all vehicles: plates, targets, rows."""
+    groups: dict[tuple[str, str], list[PlateFinding]] = {}
+    for f in findings:
+        driven = f.kind in (BROKEN, BROKEN_BY_EGO)
+        for key in ((f.kind, ".".join(f.code.split(".")[:2])), ("~vehicles" if driven else "~places", "all")):
+            groups.setdefault(key, []).append(f)
+    return [(kind.lstrip("~"), signs, *_counted(groups[kind, signs])) for kind, signs in sorted(groups)]
+
+
+def _counted(findings: Sequence[PlateFinding]) -> tuple[int, int, int]:
+    """Plates, targets among them, rows."""
+    plates = {(f.scenario_id, f.plate, f.role) for f in findings}
+    return len(plates), sum(p[2] == TARGET for p in plates), len({f.scenario_id for f in findings})

@@ -7,11 +7,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from tsbench.geometry.angles import U_TURN, turn_class
-from tsbench.make.maps.arms import arms_of
-from tsbench.make.maps.cut import EdgePiece
-from tsbench.make.maps.families.common import make_row
-from tsbench.make.maps.families.junction import junction_shape
-from tsbench.make.maps.lines import chord_over_arc, cut, heading_away, heading_towards, length
+from tsbench.make.maps.junctions import arms_of, junction_shape
+from tsbench.make.maps.pieces import EdgePiece, chord_over_arc, cut, heading_away, heading_towards, length, make_row
 from tsbench.make.maps.source import SourceNetwork
 from tsbench.roads.lane_graph import Reached, shortest_ways, way_to
 from tsbench.scenarios.map_pool import SLOTS, PoolRow

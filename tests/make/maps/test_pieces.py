@@ -1,4 +1,4 @@
-"""Polylines and the projection: invariants."""
+"""Polylines: invariants."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsbench.geometry.angles import wrap_deg
-from tsbench.make.maps.lines import chord_over_arc, cut, densified, heading_away, heading_towards, length
+from tsbench.make.maps.pieces import chord_over_arc, cut, densified, heading_away, heading_towards, length
 
 coordinate = st.floats(-500, 500).map(lambda value: round(value, 2))
 lines = st.lists(st.tuples(coordinate, coordinate), min_size=2, max_size=8, unique=True).map(

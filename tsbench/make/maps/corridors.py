@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 
 from tsbench.geometry.angles import wrap_deg
-from tsbench.make.maps.cut import EdgePiece
-from tsbench.make.maps.families.common import make_row
-from tsbench.make.maps.lines import chord_over_arc, cut, length
+from tsbench.make.maps.pieces import EdgePiece, chord_over_arc, cut, length, make_row
 from tsbench.make.maps.source import SourceNetwork
 from tsbench.make.maps.utm import Floats
 from tsbench.scenarios.map_pool import PoolRow

@@ -16,9 +16,8 @@ from tsbench.core.benchmark import SIGN_RANGE_M
 from tsbench.make.maps.plain import PlainNet
 from tsbench.make.scenes import map_scenarios as site_module
 from tsbench.make.scenes.map_scenarios import SiteBuilder
-from tsbench.make.scenes.place_lint import lint_places
-from tsbench.make.scenes.recipe import load_recipe
-from tsbench.make.scenes.variants import variants_of
+from tsbench.make.scenes.recipe import load_recipe, variants_of
+from tsbench.make.scenes.verify import lint_places
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow

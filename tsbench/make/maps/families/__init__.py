@@ -1,1 +1,0 @@
-"""The four families: each module finds its maps in a source and names the pieces of a crop."""
