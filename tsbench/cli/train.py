@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,29 +16,25 @@ from tsbench.cli import options
 from tsbench.cli.console import table_console
 from tsbench.cli.options import POSITIVE, Option, Words, several
 from tsbench.core.errors import InputError
+from tsbench.core.files import write_atomic
 from tsbench.core.machine import own_cores
 from tsbench.episode.perception_level import load_level
-from tsbench.learn.finetune.task import FineTuning, finetune_drives
+from tsbench.learn.finetune.recipe import FineTuning, finetune_drives
 from tsbench.learn.imitation.frames_store import TrainingResources
 from tsbench.learn.imitation.recipe import ImitationRecipe, validation_rows
-from tsbench.learn.imitation.task import drive, skill_of
+from tsbench.learn.imitation.skill import drive, skill_of
 from tsbench.learn.oracle.trajectories import trajectories_path
 from tsbench.learn.plant2.planner_ft import StopPolicy
 from tsbench.metrics.intervals import share_ends
+from tsbench.planners.floor.codes import Plate
 from tsbench.planners.weights import Network, network
 from tsbench.scenarios.data_set import DataSet
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.scenarios.store import check_files
 
 if TYPE_CHECKING:
     from tsbench.learn.imitation.task import ImitationTask
-from collections import Counter
-from collections.abc import Iterable, Mapping
-
-from tsbench.core.files import write_atomic
-from tsbench.planners.floor.codes import Plate
-from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.spec import CONTRAST, SIGNED
 
 _NOT_NEGATIVE = click.IntRange(min=0)
 _cache_gb = click.option(

@@ -18,8 +18,8 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
 from tsbench.core.seeds import rng_of
 from tsbench.geometry.polyline import Array
+from tsbench.learn.finetune.recipe import FineTuning
 from tsbench.learn.finetune.targets import FAMILIES
-from tsbench.learn.finetune.task import FineTuning
 from tsbench.learn.imitation.frames import EpisodeDrive
 from tsbench.learn.imitation.frames_store import FrameStore, TrainingResources
 from tsbench.learn.plant2 import layout as at

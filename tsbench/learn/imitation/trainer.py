@@ -23,7 +23,8 @@ from torch.utils.tensorboard import SummaryWriter
 from tsbench.core.seeds import rng_of, seed_of
 from tsbench.learn.imitation.frames_store import FrameStore, TrainingResources
 from tsbench.learn.imitation.recipe import TrainingRecipe
-from tsbench.learn.imitation.task import ImitationTask, Skill, measure
+from tsbench.learn.imitation.skill import Skill, measure
+from tsbench.learn.imitation.task import ImitationTask
 from tsbench.learn.plant2 import layout as at
 from tsbench.learn.plant2.layout import Records
 from tsbench.learn.plant2.plant2_network import NetworkPlan, Plant2Network, tensors
