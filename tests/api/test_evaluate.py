@@ -63,6 +63,9 @@ def test_the_same_call_reads_what_is_complete(run: tsbench.Run, told: Any) -> No
     [
         ({"split": "exam"}, "split exam: expected"),
         ({"trace": "al"}, "trace al: expected none, violations, all"),
+        ({"trace": None}, "trace None: expected none, violations, all"),
+        ({"mask_signs": None}, "mask_signs None: expected True or False"),
+        ({"memory_limit": None}, "memory_limit None: expected a number"),
         ({"device": "tpu"}, "device tpu: expected"),
         ({"executor": "slurm"}, "executor slurm: expected"),
         ({"workers": 0}, "workers 0: expected at least 1"),

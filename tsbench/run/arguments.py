@@ -65,12 +65,14 @@ def options_in(owner: Any) -> dict[str, Option]:
 def from_python(owner: Any, given: Mapping[str, Any]) -> dict[str, Any]:
     """Values of options by name, as a dataclass takes them. Raises InputError for a value of another kind."""
     known = options_in(owner)
-    return {name: _value(name, known[name], value) for name, value in given.items()}
+    may_lack = {f.name for f in fields(owner) if f.default is None or f.default is MISSING} | {"city"}
+    return {
+        name: None if value is None and name in may_lack else _value(name, known[name], value)
+        for name, value in given.items()
+    }
 
 
 def _value(name: str, known: Option, value: Any) -> Any:
-    if value is None and known.kind != "types":
-        return None
     match known.kind:
         case "types":
             return type_words(name, value)
