@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from patience import HANG_S
 
-from tsbench.learn.training_files import read_rows
+from tsbench.learn.learning_curve import read_rows
 from tsbench.planners.weights import load_weights, network
 
 COMMAND = (sys.executable, "-c", "from tsbench.cli import main; main()", "train")

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from tsbench.learn.training_files import command_line
+from tsbench.learn.checkpoint import command_line
 
 pytestmark = pytest.mark.slow
 
