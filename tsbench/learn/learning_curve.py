@@ -9,7 +9,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from tsbench.core.files import write_atomic
-from tsbench.report.tables.charts import GREY, INK, save_chart
+from tsbench.report.charts import GREY, INK, save_chart
 
 Row = Mapping[str, float]
 
