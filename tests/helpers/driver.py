@@ -36,6 +36,7 @@ def main(arguments: list[str] | None = None) -> None:
         def options(**given):
             # It was blocked at the start: no program can answer Ctrl-C before its first import is done.
             signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+            given["memory_limit"] = limits.get("most_memory", given["memory_limit"])
             return RunOptions(**given, runner=runner, limits=replace(Limits(), **limits))
 
         stack.enter_context(patch.object(command, "RunOptions", options))

@@ -235,10 +235,9 @@ def test_a_phone_in_the_dark(chromium: Browser, report: Path) -> None:
         assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(251, 251, 249)"
 
 
-def test_a_served_run_fetches_what_it_plays(chromium: Browser, run: Path) -> None:
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(serving, "EpisodePacker", page_runs.packer)
-        server = make_server([run], 0)
+def test_a_served_run_fetches_what_it_plays(chromium: Browser, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serving, "EpisodePacker", page_runs.packer)
+    server = make_server([run], 0)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     url = f"http://127.0.0.1:{server.server_address[1]}/run/0/#play={quote(f'{HOSTILE}/{TRACED[0]}', safe='')}"
