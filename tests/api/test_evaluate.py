@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -15,7 +16,8 @@ import tsbench
 from tsbench.api.evaluate import spec_of
 from tsbench.cli.run import run as command
 from tsbench.core.errors import InputError
-from tsbench.run.arguments import number_of, type_words, whole_number
+from tsbench.run.arguments import from_python, number_of, type_words, whole_number
+from tsbench.run.run_options import RunOptions
 
 SCRIPT = """
 import tsbench
@@ -38,6 +40,14 @@ def test_it_takes_what_the_command_takes_with_the_same_defaults() -> None:
         assert taken[name].default == (default or None if name in ("city", "limit", "out", "workers") else default), (
             name
         )
+
+
+def test_the_command_and_python_give_the_same_values() -> None:
+    """An interrupted run is continued by either only if its options have the same text in `run.json`."""
+    given = command.make_context("run", ["--planner", "idm", "--split", "dev", "--memory-limit", "600"]).params
+    theirs = RunOptions(**given)
+    ours = RunOptions(**from_python(RunOptions, {"planners": ("idm",), "split": "dev", "memory_limit": 600}))
+    assert json.dumps(theirs.plain()) == json.dumps(ours.plain())
 
 
 def test_a_run_and_who_is_told(run: tsbench.Run, told: Any) -> None:

@@ -249,6 +249,9 @@ def _made(name: str, known: Known, default: Any) -> Option:
             given["show_default"] = known.shown or default is not None
             given["metavar"] = known.metavar or "N"
             given["default"] = None if default is None else int(default)
+            if known.kind == "number":
+                # As Python gives it: a run's journal is known by the text of its options.
+                given["callback"] = lambda _c, _p, value: float(value)
             return click.option(flag, type=click.IntRange(known.least), help=known.help, **given)
         case "choice":
             return choice(flag, known.choices, default, known.help)
