@@ -219,10 +219,14 @@ def play(path: Path, view: Transform = HERE) -> Play:
 
 @dataclass(frozen=True)
 class Judgement:
-    """The verdict on a target, and when its rule took the episode for complete (s; None: never)."""
+    """The verdict on a target, and when its rule took the episode for complete (s; None: never).
+
+    so_far: whether the rule bound the ego, and the clauses that the monitor told at the last tick and after the end.
+    """
 
     verdict: Verdict
     completed_at: float | None
+    so_far: tuple[bool, tuple[str, ...], tuple[str, ...]]
 
 
 def judge(played: Play) -> Judgement:
@@ -236,4 +240,5 @@ def judge(played: Play) -> Judgement:
         monitor.update(tick)
         if completed_at is None and monitor.completed:
             completed_at = tick.time
-    return Judgement(monitor.finish(), completed_at)
+    before, verdict = monitor.clauses(), monitor.finish()
+    return Judgement(verdict, completed_at, (monitor.engaged, before, monitor.clauses()))

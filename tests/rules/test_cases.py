@@ -51,6 +51,10 @@ def test_case_has_the_expected_verdict_here_and_elsewhere(path: Path) -> None:
         _check_evidence(event, played, path.parent.name)
         steps |= set(range(round(event.start_s / DT_S), round(event.end_s / DT_S) + 1))
     assert verdict.violating_steps == expect.get("steps", len(steps))
+    engaged, before, after = judged.so_far
+    assert sorted(after) == sorted(v.clause for v in verdict.violations)
+    assert Counter(before) <= Counter(after)
+    assert verdict.engaged == (engaged or bool(after))
     wanted_at = expect.get("completes")
     assert judged.completed_at == (wanted_at if wanted_at is None else pytest.approx(wanted_at, abs=TIME_TOLERANCE_S))
     for name, view in VIEWS.items():

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from tsbench.geometry.footprint import corners
 from tsbench.roads.localization import inside_polygon
-from tsbench.rules.events import EventLog, Excursion
-from tsbench.rules.monitor import Monitor, Verdict
+from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import ApproachParams
@@ -20,7 +19,6 @@ class ClosedRoad(Monitor):
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
-        self._log = EventLog(sign, rule)
         approach = sign.params_as(ApproachParams).approach
         self._road = self.road((approach, sign.edge))
         network = scene.network
@@ -32,8 +30,8 @@ class ClosedRoad(Monitor):
         self._still = rule.thresholds["held_speed_mps"]
         self._held_s = rule.thresholds["held_s"] - _TICK_SHARE_S
         self._since: float | None = None
-        self._engaged = self._completed = False
-        self._entered = Excursion(self._log, "entered_closed_road")
+        self._completed = False
+        self._entered = self.excursion("entered_closed_road")
 
     @property
     def completed(self) -> bool:
@@ -46,7 +44,7 @@ class ClosedRoad(Monitor):
         # Out of sight of the road counts like far before the plate.
         past = front - self._line if front is not None else -self._road.length
         if -self._engage <= past <= 0.0:
-            self._engaged = True
+            self.engaged = True
         if past >= self._past:
             self._entered.broken(snapshot, past, self._past)
         else:
@@ -62,8 +60,3 @@ class ClosedRoad(Monitor):
         """Is no corner of the body in the junction's area?"""
         body = corners(ego.x, ego.y, ego.heading, EGO_LENGTH_M, EGO_WIDTH_M)
         return not any(inside_polygon(x, y, self._area) for x, y in body)
-
-    def finish(self) -> Verdict:
-        """An excursion that is still open ends with the episode."""
-        self._entered.close()
-        return self._log.verdict(self._engaged)

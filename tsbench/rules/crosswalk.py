@@ -6,8 +6,8 @@ import numpy as np
 
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.rules.crossing_people import CrossingPeople
-from tsbench.rules.events import EventLog, Excursion
-from tsbench.rules.monitor import Monitor, Verdict
+from tsbench.rules.events import Excursion
+from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import CrosswalkParams
@@ -20,7 +20,6 @@ class Crosswalk(Monitor):
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
-        self._log = EventLog(sign, rule)
         params, t = sign.params_as(CrosswalkParams), rule.thresholds
         self._people = CrossingPeople(scene.network.crossings[params.crossing], t)
         strip = self._people
@@ -28,8 +27,8 @@ class Crosswalk(Monitor):
         self._begin = self._road.line.project(*strip.middle)[0] - strip.width / 2
         self._engage, self._clear, self._moving = t["engage_distance_m"], t["clearance_m"], t["moving_mps"]
         self._near2 = (self._engage + strip.length / 2 + strip.width + EGO_LENGTH_M) ** 2
-        self._engaged = self._armed = False
-        self._drove_on = Excursion(self._log, "did_not_yield", smaller_is_worse=True)
+        self._armed = False
+        self._drove_on = self.excursion("did_not_yield", smaller_is_worse=True)
         self._touch: dict[int, Excursion] = {}
 
     def step(self, snapshot: WorldSnapshot) -> None:
@@ -47,7 +46,7 @@ class Crosswalk(Monitor):
         front = self._road.front(ego)
         if front is not None and 0.0 <= self._begin - front <= self._engage:
             self._armed = True
-            self._engaged = self._engaged or any(strip.is_on_it(p) or strip.is_about_to_step(actors, p) for p in places)
+            self.engaged = self.engaged or any(strip.is_on_it(p) or strip.is_about_to_step(actors, p) for p in places)
         on_it = self._armed and boxes_overlap(*ego_box(ego), *strip.middle, strip.heading, strip.length, strip.width)
         past = [(strip.past(ego.x, ego.y, ego.heading, actors, p), p.row) for p in places if strip.is_on_it(p)]
         blocking = [p for p in past if p[0] < self._clear]
@@ -67,14 +66,9 @@ class Crosswalk(Monitor):
             x, y, heading = actors.pose[at].tolist()
             if boxes_overlap(*ego_box(ego), x, y, heading, *size):
                 touched.add(row)
-                excursion = self._touch.setdefault(row, Excursion(self._log, "contact"))
-                excursion.broken(snapshot, 1.0, 0.0, actors.table.ids[row])
+                if row not in self._touch:
+                    self._touch[row] = self.excursion("contact")
+                self._touch[row].broken(snapshot, 1.0, 0.0, actors.table.ids[row])
         for row, excursion in self._touch.items():
             if row not in touched:
                 excursion.close()
-
-    def finish(self) -> Verdict:
-        """Excursions that are still open end with the episode."""
-        for excursion in (self._drove_on, *self._touch.values()):
-            excursion.close()
-        return self._log.verdict(self._engaged)

@@ -133,7 +133,8 @@ class GiveWay(Monitor):
         if self._ticks:
             self._resolve("")
         self._close()
-        return self.log.verdict(self.engaged or any(self._bound))
+        self.engaged = self.engaged or any(self._bound)
+        return super().finish()
 
 
 def _deviation(path: JunctionPath, egos: list[EgoState]) -> int:

@@ -12,9 +12,8 @@ import numpy as np
 
 from tsbench.geometry.polyline import Polyline, join
 from tsbench.roads.network import Connection, RoadNetwork
-from tsbench.rules.events import Excursion, InAll
+from tsbench.rules.events import InAll
 from tsbench.rules.give_way import GiveWay
-from tsbench.rules.monitor import Verdict
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import RoundaboutParams
@@ -32,7 +31,7 @@ class Roundabout(GiveWay):
         super().__init__(sign, rule, scene)
         self._ring = Circulation(scene.network, self._ring_edges)
         self._last: tuple[float, float] | None = None
-        self._wrong = InAll(Excursion(self.log, "wrong_direction"), rule.thresholds["wrong_way_m"])
+        self._wrong = InAll(self.excursion("wrong_direction"), rule.thresholds["wrong_way_m"])
 
     def lanes_with_priority(self) -> frozenset[int]:
         """Those of the ring and its junctions, entries' ways in among them, and of where the paths lead."""
@@ -53,11 +52,6 @@ class Roundabout(GiveWay):
             self._wrong.keep()
         elif along < -_NOISE_M:
             self._wrong.add(snapshot, -along)
-
-    def finish(self) -> Verdict:
-        """As give_way's, with the open excursion closed."""
-        self._wrong.keep()
-        return super().finish()
 
 
 class Circulation:
