@@ -19,10 +19,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsbench.episode.trace import find_trace, read_trace
 from tsbench.report.drawing.canvas import STYLE, Image, PageSize
 from tsbench.report.drawing.paint import save_png, sheet
 from tsbench.report.scene_pictures import PNG_SIZE, moment, scene_picture
+from tsbench.run.log.read import read_run
+from tsbench.run.run_traces import Traces
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
@@ -91,7 +92,8 @@ def _panel(row: ScenarioSpec, other: ScenarioSpec | None, run: Path | None) -> P
         beside = None if other is None else load_scene(DataSet.in_use(), other)
         page = scene_picture(scene, row.scenario_id, _VIEW, map_id=row.map_id, beside=beside)
         return text, np.ascontiguousarray(page[_VIEW.header_px : -_VIEW.footer_px])
-    trace = read_trace(find_trace(run, row.scenario_id))
+    traces = Traces(read_run(run))
+    trace = traces.read(traces.run.row(row.scenario_id)["planner"], row.scenario_id)
     page = moment(trace, scene)[PNG_SIZE.header_px : -PNG_SIZE.footer_px]
     height, width, _ = _shape()
     return f"{text} · {trace.outcome}", cv2.resize(page, (width, height), interpolation=cv2.INTER_AREA)

@@ -2,7 +2,7 @@
 
 python packaging/pair_film.py RUN PAIR OUT.gif PLANNER... (or `make film`)
 
-RUN keeps the traces of these planners on both halves of PAIR (`tsbench run --trace all`).
+RUN has episodes of these planners on both halves of PAIR.
 """
 
 from __future__ import annotations
@@ -15,13 +15,15 @@ from typing import NamedTuple
 import numpy as np
 
 from tsbench.episode.outcome import Outcome
-from tsbench.episode.trace import Trace, find_trace, read_trace
+from tsbench.episode.trace import Trace
 from tsbench.geometry.polyline import Array
 from tsbench.planners import registry
 from tsbench.report.drawing.birds_eye import BirdsEye
 from tsbench.report.drawing.canvas import STYLE, Colour, Image, PageSize
 from tsbench.report.drawing.paint import paste, text_width, write
 from tsbench.report.scene_pictures import save_gif
+from tsbench.run.log.read import read_run
+from tsbench.run.run_traces import Traces
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import ScenarioSpec
@@ -44,9 +46,8 @@ def main(run: str, pair: str, out: str, *planners: str) -> None:
     """Draw the film of these planners, one row each, in their order."""
     halves = [row for row in DataSet.in_use().table(SPLIT) if row.pair_id == pair]
     scenes = [load_scene(DataSet.in_use(), row) for row in halves]
-    traces = [
-        [read_trace(find_trace(Path(run), f"{planner}/{row.scenario_id}")) for row in halves] for planner in planners
-    ]
+    kept = Traces(read_run(Path(run)))
+    traces = [[kept.read(planner, row.scenario_id) for row in halves] for planner in planners]
     pages, durations = zip(*film(halves, scenes, traces), strict=True)
     save_gif(Path(out), pages, durations)
     print(f"{out}: {sum(durations):.0f} s, {Path(out).stat().st_size / 1e6:.2f} MB")

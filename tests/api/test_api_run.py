@@ -102,7 +102,7 @@ def test_an_episode_in_a_notebook(run: tsbench.Run, tmp_path: Path) -> None:
 
 
 def test_an_episode_that_cannot_be_shown(run: tsbench.Run) -> None:
-    with pytest.raises(InputError, match="no trace of 'nothing'"):
+    with pytest.raises(InputError, match="no episode 'nothing'"):
         run.show("nothing")
     with pytest.raises(InputError, match="was driven by several planners, name one"):
         run.show(run.episodes.scenario_id[0])

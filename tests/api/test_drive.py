@@ -59,7 +59,7 @@ def test_step_by_step() -> None:
     assert told.startswith("t 1.0 s: ego ")
     assert "plate 2.4: " in told
     assert "answered: acceleration 0.000 m/s2, steering 0.0000 rad" in told
-    assert told.endswith("against it: nothing")
+    assert told.endswith("No violation.")
     # One's own answer in place of the planner's.
     before = drive.observation.ego.speed
     drive.step(tsbench.Control(-3.0, 0.0))
@@ -68,7 +68,7 @@ def test_step_by_step() -> None:
     assert drive.frame.startswith(b"\x89PNG")
     drive.run()
     assert drive.outcome is not None
-    assert drive.look().startswith(f"over: {drive.outcome}")
+    assert drive.look().startswith(f"Episode ended: {drive.outcome} (")
     assert not drive.step()
 
 
@@ -76,22 +76,36 @@ def test_the_end_says_since_when_the_ego_stands_and_before_what() -> None:
     def halting(o: tsbench.Observation) -> tsbench.Control:
         return tsbench.Control(-6.0 if o.time >= 2.0 else 0.0, 0.0)
 
-    first, stands, now, *around = tsbench.drive(halting, SCENARIO).run().look().splitlines()
-    assert first == "over: timeout; not passed; against it: nothing"
-    assert 2.0 < float(stands.removeprefix("it stands since ").removesuffix(" s")) < 6.0
+    first, sign, other, stands, now, *around = tsbench.drive(halting, SCENARIO).run().look().splitlines()
+    assert first == "Episode ended: timeout (failed). No violation."
+    assert sign == "The sign is 2.4 Give way."
+    assert other.startswith("With the other half's plates, 2.1 Main road, the same drive has: At ")
+    assert 2.0 < float(stands.removeprefix("The ego stands since ").removesuffix(" s.")) < 6.0
     assert ": ego 0.00 m/s at " in now
     assert now.endswith(" m to the destination")
     assert any(line.startswith("plate 2.4: ") and " m ahead, " in line for line in around)
     passed = tsbench.drive("idm-e", SCENARIO).run().look()
-    assert passed == "over: arrived; passed; against it: nothing"
+    assert passed.startswith("Episode ended: arrived (passed). No violation.\nThe sign is 2.4 Give way.\nWith")
 
 
 def test_the_end_has_the_sentences_of_what_is_held_against_it() -> None:
     drive = tsbench.drive("idm", SCENARIO).run()
-    first, *sentences = drive.look().splitlines()
-    assert first.endswith(f"not passed; against it: {', '.join(drive.violations)}")
+    first, _, *sentences, other = drive.look().splitlines()
+    assert first == f"Episode ended: {drive.outcome} (failed). Against it: {', '.join(drive.violations)}."
     assert len(sentences) == len(drive.violations) > 0
     assert all("the ego" in sentence for sentence in sentences)
+    assert other == "With the other half's plates, 2.1 Main road, the same drive has: no violation."
+
+
+def test_the_mean_speed_that_is_judged_has_its_stretch() -> None:
+    def slow(o: tsbench.Observation) -> tsbench.Control:
+        return tsbench.Control(0.5 * (5.0 - o.ego.speed), 0.0)
+
+    contrast = max(one.scenario_id for one in tsbench.load_scenarios("dev", "speed_limit"))
+    lines = tsbench.drive(slow, contrast).run().look().splitlines()
+    means = [line for line in lines if line.startswith("The mean is that of the ")]
+    assert "The mean is that of the drive from its start to where the zone begins." in means
+    assert any(line.endswith(" m of the zone.") for line in means)
 
 
 def test_what_a_planner_raises_is_raised_where_it_happens() -> None:

@@ -9,9 +9,13 @@ import pytest
 from labelled import CASES, play
 
 from tsbench.core.errors import InputError
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.planners.registry import resolve
 from tsbench.roads.localization import LaneLocator
 from tsbench.rules.monitor import Monitor, Verdict
-from tsbench.rules.monitors import MONITORS, make_monitor, make_monitors
+from tsbench.rules.monitors import MONITORS, make_monitor, make_monitors, verdicts_of_other_half
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.signs.plate_params import read_params
 from tsbench.signs.rule_kinds import RULE_KINDS
 from tsbench.sim.scene import Scene
@@ -179,3 +183,24 @@ def test_context_plates_are_watched_where_they_bind_the_ego() -> None:
     scenery = replace(own, id="third", role="context", code="2.1", value=None, params=None)
     others = make_monitors(replace(scene, signs=(*scene.signs, binding, scenery))).others
     assert [m.sign.id for m in others] == ["second"]
+
+
+@pytest.mark.parametrize("kind", ["main_road", "secondary_road", "yield"])
+def test_a_drive_has_the_same_verdict_in_either_numbering_of_lanes(kind: str) -> None:
+    """The halves' networks number the lanes of their junction differently."""
+    data = DataSet.in_use()
+    loader, runner = SceneLoader(data), EpisodeRunner(resolve("idm"))
+    first = next(row for row in data.table("dev") if row.pair_type == kind)
+    halves = {row.half: row for row in data.table("dev") if row.pair_id == first.pair_id}
+    scenes = {half: loader.load(row)[0] for half, row in halves.items()}
+    ids = [[lane.id for lane in scenes[half].network.lanes] for half in ("signed", "contrast")]
+    assert ids[0] != ids[1]
+    facts = runner.run(halves["signed"]).facts
+    assert facts is not None
+    here = verdicts_of_other_half(scenes["signed"], scenes["signed"].network, facts.snapshots)
+    assert (here.target, here.others, here.needless) == (facts.target, facts.others, facts.needless)
+    there = verdicts_of_other_half(scenes["contrast"], scenes["signed"].network, facts.snapshots)
+    assert there.wrong_way == facts.wrong_way == ()
+    assert not facts.target.compliant
+    assert there.target.compliant
+    runner.close()

@@ -20,6 +20,7 @@ from tsbench.episode.trace import Trace
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
 from tsbench.planners.helpers import sign_ahead
 from tsbench.planners.registry import FunctionPlanner, resolve
+from tsbench.report.wording import judged_stretch, readable, sign_name, under_other_sign
 from tsbench.run.arguments import keywords
 from tsbench.run.log.record import Record, make_record
 from tsbench.scenarios.data_set import DataSet
@@ -54,7 +55,7 @@ class Drive:
         self, planner: Given | Planner, row: ScenarioSpec, data: DataSet, perception: Perception = EXACTLY
     ) -> None:
         """Raises InputError for no planner and for a scene that does not load; else what the constructor raises."""
-        self.row, self._loader = row, SceneLoader(data)
+        self.row, self._data, self._loader = row, data, SceneLoader(data)
         self.answer: Control | Trajectory | None = None
         self._driver = d = _driver_of(planner)
         self._episode = Episode(
@@ -124,10 +125,32 @@ class Drive:
             assert result is not None
             found = make_record(result, self._driver.privileged)
             error = f": {result.error}" if result.error else ""
-            passed = "passed" if found.row["scd"] else "not passed"
-            over = f"over: {self.outcome}{error}; {passed}; {self._against()}"
-            return "\n".join([over, *_why(self._episode, result, found)])
+            passed = "passed" if found.row["scd"] else "failed"
+            ended = f"Episode ended: {self.outcome} ({passed}){error}. {self._against()}"
+            return "\n".join([ended, *self._why(result, found)])
         return "\n".join([*_told(seen, self.context), f"answered: {_said(self.answer)}", self._against()])
+
+    def _why(self, result: EpisodeResult, found: Record) -> Iterator[str]:
+        """Lines of what was held against the ego, what the other half's sign had made of its drive, and, where it did
+        not arrive, since when it stands, before what.
+        """
+        if result.facts is None:
+            return
+        scene, ticks = result.facts.scene, result.facts.snapshots
+        yield f"The sign is {sign_name(scene)}."
+        for event in found.events:
+            if event["target"]:
+                yield readable(event["sentence"])
+                if event["clause"] == "needless_slow":
+                    yield judged_stretch(scene, ticks[round(event["start_s"] / DT_S)])
+        if other := self._data.other_half(self.row):
+            yield under_other_sign(scene, self._loader.load(other)[0], ticks)
+        if result.outcome is Outcome.ARRIVED:
+            return
+        if ticks[-1].ego.speed <= _STANDS_MPS:
+            moved = max((tick.time for tick in ticks if tick.ego.speed > _STANDS_MPS), default=-DT_S)
+            yield f"The ego stands since {moved + DT_S:.1f} s."
+        yield from _told(self._episode.look(), self._episode.context)
 
     @property
     def frame(self) -> Any:
@@ -145,7 +168,7 @@ class Drive:
         return f"Drive({self._driver.name}/{self.row.scenario_id}, {self.outcome or 'under way'})"
 
     def _against(self) -> str:
-        return f"against it: {', '.join(self.violations) or 'nothing'}"
+        return f"Against it: {', '.join(self.violations)}." if self.violations else "No violation."
 
     def _check_present(self) -> None:
         if not self._episode.is_current:
@@ -223,20 +246,6 @@ def _told(seen: Observation, context: PlannerContext) -> Iterator[str]:
         yield f"{kind}: {off[k]:.1f} m off, {float(seen.actors.speed[k]):.2f} m/s, {road}"
     if len(off) > _NEAREST:
         yield f"and {len(off) - _NEAREST} road users farther off"
-
-
-def _why(episode: Episode, result: EpisodeResult, found: Record) -> Iterator[str]:
-    """Lines of what was held against the ego, where it did not arrive since when it stands, before what."""
-    if result.facts is None:
-        return
-    yield from (str(event["sentence"]) for event in found.events if event["target"])
-    if result.outcome is Outcome.ARRIVED:
-        return
-    ticks = result.facts.snapshots
-    if ticks[-1].ego.speed <= _STANDS_MPS:
-        moved = max((tick.time for tick in ticks if tick.ego.speed > _STANDS_MPS), default=-DT_S)
-        yield f"it stands since {moved + DT_S:.1f} s"
-    yield from _told(episode.look(), episode.context)
 
 
 def _said(answer: Control | Trajectory | None) -> str:

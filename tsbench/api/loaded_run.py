@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 from tsbench.api.figure_frames import comparison_frame, episodes_frame, flips_frame, frame_of, summary_frame
 from tsbench.core.errors import InputError
 from tsbench.core.extras import load
-from tsbench.episode.trace import find_trace, read_trace
 from tsbench.metrics.aggregate import summarise
 from tsbench.report.compare_runs import match, side_of
 from tsbench.run.arguments import keywords, path_of
 from tsbench.run.log.manifest import marks_of
 from tsbench.run.log.read import read_run
 from tsbench.run.log.tables import read_table
+from tsbench.run.run_traces import Traces
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -140,9 +140,12 @@ class Run:
     def show(self, episode: str, time: float | None = None) -> Shown:
         """A player of an episode (scenario_id or planner/scenario_id) for a notebook; `.frame` is a picture.
 
-        time: s. Raises InputError for one without a trace (`trace="all"` keeps all).
+        time: s. An episode without a trace is driven again, and has one then. Raises InputError where it cannot be.
         """
-        trace = read_trace(find_trace(self.path, episode))
+        row, traces = self._stored.row(episode), Traces(self._stored)
+        trace = traces.read(row["planner"], row["scenario_id"])
+        if not row["scd"]:
+            traces.of_other_half(row)
         shown: Shown = load("tsbench.api.shown").Shown(self._stored, trace, time)
         return shown
 

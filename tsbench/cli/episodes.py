@@ -15,7 +15,7 @@ from tsbench.cli.console import bars
 from tsbench.cli.options import Words
 from tsbench.core.errors import InputError
 from tsbench.report.episode_files import FORMATS as EXPORTS
-from tsbench.report.episode_files import FileKind, Selection, episode_name, export_kind, make_one, make_selected
+from tsbench.report.episode_files import FileKind, Selection, export_kind, make_one, make_selected
 from tsbench.report.scene_pictures import FORMATS as PICTURES
 from tsbench.report.scene_pictures import picture_kind
 from tsbench.signs.countries import Country
@@ -57,9 +57,10 @@ def render(
     workers: int,
     country: Country | None,
 ) -> None:
-    """Draw EPISODE (scenario_id or planner/scenario_id) of the run folder RUN from its trace, or a whole selection.
+    """Draw EPISODE (scenario_id or planner/scenario_id) of the run folder RUN, or a whole selection.
 
-    A selection is drawn in parallel; what is already drawn is kept, so the same command continues after a break.
+    The PNG of a failed half shows the other half beside it. An episode without a trace is driven again, and has one
+    then. A selection is drawn in parallel; files that are there are kept, so the same command continues after a break.
     """
     if episode is None and time is not None:
         raise InputError("--time chooses the moment of one EPISODE; a selection is drawn at its violations")
@@ -74,7 +75,7 @@ def render(
 def export(run: Path, episode: str | None, kind: str, out: Path | None, selection: Selection, workers: int) -> None:
     """Write EPISODE (scenario_id or planner/scenario_id) of the run folder RUN, or a selection, in another format.
 
-    A selection is written in parallel; what is already there is kept.
+    An episode without a trace is driven again. A selection is written in parallel; files that are there are kept.
     """
     _make(run, episode, selection, export_kind(kind), out, workers)
 
@@ -91,11 +92,9 @@ def _make(run: Path, episode: str | None, selection: Selection, kind: FileKind, 
         return
     what = f"{kind.suffix.rpartition('.')[2]} files"
     with bars() as show:
-        tally, chosen = make_selected(run, selection, kind, out, workers, functools.partial(show, what))
-    if chosen.untraced:
-        click.echo(f"{chosen.untraced} selected episodes have no trace (tsbench run --trace all keeps them)")
-    for trace, problem in tally.failed[:_FAILURES_SHOWN]:
-        click.echo(f"{episode_name(trace)}: {problem}")
+        tally = make_selected(run, selection, kind, out, workers, functools.partial(show, what))
+    for name, problem in tally.failed[:_FAILURES_SHOWN]:
+        click.echo(f"{name}: {problem}")
     line = f"{tally.made} {what} made, {tally.kept} kept, {len(tally.failed)} failed"
     if tally.made:
         line += (

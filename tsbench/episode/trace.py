@@ -13,7 +13,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote, unquote
+from urllib.parse import quote
 
 import numpy as np
 import pyarrow as pa
@@ -146,35 +146,6 @@ def trace_of(result: EpisodeResult) -> Trace:
 def trace_path(run: Path, planner: str, scenario_id: str) -> Path:
     """Where the trace of an episode lies in a run folder; names become safe file names."""
     return run / "traces" / _file_name(planner) / f"{_file_name(scenario_id)}.parquet"
-
-
-def find_trace(run: Path, episode: str) -> Path:
-    """The trace of `scenario_id` or `planner/scenario_id` in a run folder.
-
-    Raises InputError for a missing trace, naming a few others, and where several planners have one.
-    """
-    root = run / "traces"
-    if not run.is_dir():
-        raise InputError(f"{run}: no such run folder")
-    if not root.is_dir():
-        raise InputError(f"{run}: this run kept no traces (tsbench run --trace all)")
-    planners = sorted(path.name for path in root.iterdir() if path.is_dir())
-    planner, slash, scenario = episode.rpartition("/")
-    if slash:
-        path = trace_path(run, planner, scenario)
-        if path.is_file():
-            return path
-    found = [name for name in planners if (root / name / f"{_file_name(episode)}.parquet").is_file()]
-    if len(found) == 1:
-        return root / found[0] / f"{_file_name(episode)}.parquet"
-    if found:
-        choices = ", ".join(f"{unquote(name)}/{episode}" for name in found)
-        raise InputError(f"{run}: {episode} was driven by several planners, name one: {choices}")
-    known = sorted(path for name in planners for path in (root / name).glob("*.parquet"))[:3]
-    some = ", ".join(f"{unquote(path.parent.name)}/{unquote(path.stem)}" for path in known)
-    raise InputError(
-        f"{run}: no trace of {episode!r}" + (f"; there are {some}, …" if some else ": there is none at all")
-    )
 
 
 def _file_name(name: str) -> str:

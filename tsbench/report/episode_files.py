@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache
 from pathlib import Path
-from urllib.parse import unquote
 
 import cv2
 
@@ -16,15 +15,19 @@ from tsbench.core.errors import InputError
 from tsbench.core.extras import load
 from tsbench.core.parallel import worker_processes
 from tsbench.episode.outcome import Outcome
-from tsbench.episode.trace import Trace, find_trace, read_trace, trace_path
-from tsbench.run.log.read import read_run
+from tsbench.episode.trace import Trace, trace_path
+from tsbench.run.log.journal import Key
+from tsbench.run.log.read import StoredRun, read_run
+from tsbench.run.log.record import Row
 from tsbench.run.plan import choose_types
-from tsbench.scenarios.data_set import DataSet
-from tsbench.scenarios.scene_loader import load_scene
+from tsbench.run.run_traces import Traces
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S
 
 _COLUMNS = ("planner", "scenario_id", "scenario_type", "outcome", "scd")
+
+# An episode with its scene.
+Played = tuple[Trace, Scene]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,24 +47,12 @@ class Selection:
         return bool(self.failures or self.types or self.planners or self.outcomes)
 
 
-@dataclass(frozen=True, slots=True)
-class Chosen:
-    """Traces of the selected episodes, sorted by planner and scenario; data: what they are of; untraced: how many have
-    none.
-    """
-
-    data: DataSet
-    traces: tuple[Path, ...]
-    untraced: int
-
-
-def select_traces(run: Path, selection: Selection) -> Chosen:
-    """The traces of a selection. Raises InputError: no run, unknown names, nothing selected, no trace of it."""
-    stored = read_run(run)
-    _check_names("--planner", selection.planners, stored.asked)
+def select_episodes(run: StoredRun, selection: Selection) -> list[Key]:
+    """The episodes of a selection, sorted. Raises InputError: unknown names, or nothing selected."""
+    _check_names("--planner", selection.planners, run.asked)
     _check_names("--outcome", selection.outcomes, map(str, Outcome))
-    types = set(choose_types(stored.data.catalog, selection.types))
-    rows = stored.episodes.select(_COLUMNS).to_pylist()
+    types = set(choose_types(run.data.catalog, selection.types))
+    rows = run.episodes.select(_COLUMNS).to_pylist()
     chosen = [
         (row["planner"], row["scenario_id"])
         for row in rows
@@ -71,19 +62,8 @@ def select_traces(run: Path, selection: Selection) -> Chosen:
         and (not selection.outcomes or row["outcome"] in selection.outcomes)
     ]
     if not chosen:
-        raise InputError(f"{run}: none of its {len(rows)} episodes is selected")
-    paths = [trace_path(run, *key) for key in sorted(chosen)]
-    there = tuple(path for path in paths if path.is_file())
-    if not there:
-        raise InputError(
-            f"{run}: none of the {len(paths)} selected episodes has a trace (tsbench run --trace all keeps them)"
-        )
-    return Chosen(stored.data, there, len(paths) - len(there))
-
-
-def episode_name(trace: Path) -> str:
-    """PLANNER/SCENARIO of a trace, as commands take it."""
-    return f"{unquote(trace.parent.name)}/{unquote(trace.stem)}"
+        raise InputError(f"{run.path}: none of its {len(rows)} episodes is selected")
+    return sorted(chosen)
 
 
 def _check_names(option: str, asked: Iterable[str], known: Iterable[str]) -> None:
@@ -93,43 +73,85 @@ def _check_names(option: str, asked: Iterable[str], known: Iterable[str]) -> Non
             raise InputError(f"{option} {name}: there are {', '.join(names)}")
 
 
-# Makes a file (the second path) from a trace; whole or not at all.
-Maker = Callable[[Trace, Path], None]
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
+class FileKind:
+    """Files are in RUN/folder/PLANNER/SCENARIO+suffix.
+
+    write: makes the file of a trace, a scene and a path, whole or not at all. with_other: `write` takes `beside`, too:
+    of a failed half the other half's episode, where the run has that, else None.
+    """
+
+    folder: str
+    suffix: str
+    write: Callable[..., None]
+    with_other: bool = False
+
+    def path(self, folder: Path, key: Key) -> Path:
+        name = trace_path(folder, *key)
+        return folder / name.parent.name / f"{name.stem}{self.suffix}"
+
+    def make(self, traces: Traces, row: Row, path: Path) -> Trace:
+        """Make the file of an episode from its trace, which is returned. Raises InputError."""
+        trace = traces.read(row["planner"], row["scenario_id"])
+        played = trace, traces.loader.load(trace.spec)[0], path
+        if not self.with_other:
+            self.write(*played)
+            return trace
+        other = None if row["scd"] else traces.of_other_half(row)
+        self.write(*played, beside=None if other is None else (other, traces.loader.load(other.spec)[0]))
+        return trace
+
+
+@dataclass(frozen=True, slots=True)
 class Counts:
-    """What came of it. failed: traces and why, in one line each. driven_s: length of the episodes made now.
+    """What came of it. failed: episodes (PLANNER/SCENARIO) and why, in one line each. driven_s: length of the episodes
+    made now.
 
     cpu_s: of all processes, the encoder's too, without their start; wall_s: from beginning to end.
     """
 
     made: int
     kept: int
-    failed: tuple[tuple[Path, str], ...]
+    failed: tuple[tuple[str, str], ...]
     driven_s: float
     cpu_s: float
     wall_s: float
 
 
-def make_files(files: Mapping[Path, Path], make: Maker, workers: int, progress: Progress) -> Counts:
-    """Make what is not there yet. files: by trace; progress: called with the number done and the total.
+def make_one(run: Path, episode: str, kind: FileKind, out: Path | None) -> Path:
+    """Make the file of an episode; returns where it is. Raises InputError."""
+    traces = Traces(read_run(run))
+    row = traces.run.row(episode)
+    path = kind.path(run / kind.folder, (row["planner"], row["scenario_id"])) if out is None else out
+    kind.make(traces, row, path)
+    return path
 
-    A bad trace or scene costs its own file only. Raises TsbenchError where a process dies.
+
+def make_selected(
+    run: Path, selection: Selection, kind: FileKind, out: Path | None, workers: int, progress: Progress
+) -> Counts:
+    """Make the files of all selected episodes below the folder `out` (default: in the run) that are not there yet.
+
+    progress: called with the number done and the total. A bad trace or scene costs its own file only. Raises
+    InputError, and TsbenchError where a process dies.
     """
     begun = time.monotonic()
-    todo = [(trace, out) for trace, out in files.items() if not _is_made(out, trace)]
+    folder = run / kind.folder if out is None else out
+    files = {key: kind.path(folder, key) for key in select_episodes(read_run(run), selection)}
+    todo = [(key, path) for key, path in files.items() if not _is_made(path, trace_path(run, *key))]
     kept = len(files) - len(todo)
     progress(kept, len(files))
-    failed: list[tuple[Path, str]] = []
+    failed: list[tuple[str, str]] = []
     driven = cpu = 0.0
     with worker_processes(min(workers, max(len(todo), 1)), "drawing") as pool:
-        results = pool.ordered(_make, ((*job, make) for job in todo))
-        for number, ((trace, _), (seconds, spent, problem)) in enumerate(zip(todo, results, strict=True), start=1):
+        results = pool.ordered(_make, ((run, *job, kind) for job in todo))
+        for number, ((key, _), (seconds, spent, problem)) in enumerate(zip(todo, results, strict=True), start=1):
             driven, cpu = driven + seconds, cpu + spent
             if problem:
-                failed.append((trace, problem))
+                failed.append(("/".join(key), problem))
             progress(kept + number, len(files))
     made = len(todo) - len(failed)
     return Counts(made, kept, tuple(sorted(failed)), driven, cpu, time.monotonic() - begun)
@@ -137,16 +159,22 @@ def make_files(files: Mapping[Path, Path], make: Maker, workers: int, progress: 
 
 def _is_made(out: Path, trace: Path) -> bool:
     """From this very trace? A later run may have written it anew."""
-    return out.is_file() and out.stat().st_mtime >= trace.stat().st_mtime
+    return out.is_file() and (not trace.is_file() or out.stat().st_mtime >= trace.stat().st_mtime)
 
 
-def _make(path: Path, out: Path, make: Maker) -> tuple[float, float, str]:
+@lru_cache(maxsize=1)
+def _traces(run: Path) -> Traces:
+    """One of each process."""
+    return Traces(read_run(run))
+
+
+def _make(run: Path, key: Key, out: Path, kind: FileKind) -> tuple[float, float, str]:
     """Length of the episode and CPU time, s, and why there is no file, "" if there is; in one thread."""
     cv2.setNumThreads(1)
     before = _cpu_s()
     try:
-        trace = read_trace(path)
-        make(trace, out)
+        traces = _traces(run)
+        trace = kind.make(traces, traces.run.row("/".join(key)), out)
     except InputError as problem:
         return 0.0, 0.0, str(problem)
     return len(trace.snapshots) * DT_S, _cpu_s() - before, ""
@@ -155,40 +183,6 @@ def _make(path: Path, out: Path, make: Maker) -> tuple[float, float, str]:
 def _cpu_s() -> float:
     usages = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(usage.ru_utime + usage.ru_stime for usage in usages)
-
-
-@dataclass(frozen=True, slots=True)
-class FileKind:
-    """Files are in RUN/folder/PLANNER/SCENARIO+suffix. write: makes one, whole or not at all."""
-
-    folder: str
-    suffix: str
-    write: Callable[[Trace, Scene, Path], None]
-
-    def path(self, folder: Path, trace: Path) -> Path:
-        return folder / trace.parent.name / f"{trace.stem}{self.suffix}"
-
-    def make(self, data: DataSet, trace: Trace, path: Path) -> None:
-        """Make the file of a trace. Raises InputError for a scene that is no longer there."""
-        self.write(trace, load_scene(data, trace.spec), path)
-
-
-def make_one(run: Path, episode: str, kind: FileKind, out: Path | None) -> Path:
-    """Make the file of an episode; returns where it is. Raises InputError."""
-    source = find_trace(run, episode)
-    path = kind.path(run / kind.folder, source) if out is None else out
-    kind.make(DataSet.in_use(), read_trace(source), path)
-    return path
-
-
-def make_selected(
-    run: Path, selection: Selection, kind: FileKind, out: Path | None, workers: int, progress: Progress
-) -> tuple[Counts, Chosen]:
-    """Make the files of all selected episodes below the folder `out` (default: in the run) that are not there yet."""
-    chosen = select_traces(run, selection)
-    folder = run / kind.folder if out is None else out
-    files = {trace: kind.path(folder, trace) for trace in chosen.traces}
-    return make_files(files, partial(kind.make, chosen.data), workers, progress), chosen
 
 
 # By format: where its writer is, and its files' suffix.

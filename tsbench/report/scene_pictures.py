@@ -27,9 +27,10 @@ from tsbench.report.drawing.hud import draw_attribution, draw_scale_bar, header
 from tsbench.report.drawing.paint import paint, plate_px, save_png, write
 from tsbench.report.drawing.road_shapes import ground_shapes, road_shapes
 from tsbench.report.drawing.scene_shapes import furniture_shapes, named_from, start_shapes, way_off, way_shapes
-from tsbench.report.episode_files import FileKind
+from tsbench.report.episode_files import FileKind, Played
 from tsbench.report.wording import scene_facts
 from tsbench.roads.lane_graph import LaneGraph
+from tsbench.scenarios.spec import SIGNED
 from tsbench.signs.countries import Country
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S
@@ -246,17 +247,31 @@ def picture_kind(
     # Captions differ between countries, and so do the files.
     suffix = f".{name}" if country is None else f".{country.code}.{name}"
     if name == "png":
-        return FileKind("pictures", suffix, partial(render_png, time=time, country=country))
+        return FileKind("pictures", suffix, partial(render_png, time=time, country=country), with_other=True)
     if time is not None:
         raise InputError("--time chooses the moment of a PNG; films show the whole episode")
     return FileKind("pictures", suffix, partial(render_gif if name == "gif" else render_mp4, country=country))
 
 
 def render_png(
-    trace: Trace, scene: Scene, path: Path, time: float | None = None, country: Country | None = None
+    trace: Trace,
+    scene: Scene,
+    path: Path,
+    time: float | None = None,
+    country: Country | None = None,
+    beside: Played | None = None,
 ) -> None:
-    """One moment: the given one, else the first event that counts against it, else half-way."""
-    save_png(path, moment(trace, scene, time, country))
+    """One moment: the given one, else the first event that counts against it, else half-way.
+
+    beside: the other half's episode, whose picture of the same moment, or of its end before that, stands beside it; the
+    signed half stands on the left.
+    """
+    pages = [moment(trace, scene, time, country)]
+    if beside is not None:
+        other, its_scene = beside
+        at = trace.snapshots[_tick(trace, time)].time
+        pages.append(moment(other, its_scene, min(at, other.snapshots[-1].time), country))
+    save_png(path, np.hstack(pages if trace.spec.half == SIGNED else pages[::-1]))
 
 
 def moment(

@@ -6,13 +6,17 @@ The catalogue names thresholds and options of rules by keys; here they have word
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
+from tsbench.episode.outcome import counted_against
 from tsbench.episode.trace import Trace
+from tsbench.rules.lines import Road
+from tsbench.rules.monitors import verdicts_of_other_half
+from tsbench.signs.contrast import SlowZoneParams
 from tsbench.signs.countries import Country, shown_code, shown_value
 from tsbench.sim.scene import Scene
-from tsbench.sim.world import DT_S
+from tsbench.sim.world import DT_S, WorldSnapshot
 
 _UNITS = MappingProxyType({"m/s2": "m/s²", "deg": "°"})
 
@@ -45,6 +49,35 @@ def episode_subtitle(trace: Trace, country: Country | None = None) -> str:
     spec = trace.spec
     sign = sign_words(spec.sign_code, spec.sign_value, country)
     return f"{spec.scenario_id} · sign {sign} · {spec.group} · {spec.split}"
+
+
+def sign_name(scene: Scene) -> str:
+    """The target of a scene with its name, such as "2.4 Give way"."""
+    sign = scene.target_sign
+    return f"{sign_words(sign.code, sign.value)} {scene.catalog.sign(sign.code).name_en}"
+
+
+def under_other_sign(scene: Scene, other: Scene, snapshots: Sequence[WorldSnapshot]) -> str:
+    """What would count against a drive in `scene` with the sign of the other half, in one line.
+
+    Says nothing of how the episode would have ended.
+    """
+    found = verdicts_of_other_half(other, scene.network, snapshots)
+    against = counted_against(found.target, found.needless, found.wrong_way)
+    said = readable(against[0].sentence) if against else "no violation."
+    return f"With the other half's plates, {sign_name(other)}, the same drive has: {said}"
+
+
+def judged_stretch(scene: Scene, at: WorldSnapshot) -> str:
+    """Over which metres `needless_slow` took the mean that it judged. at: the last tick of that stretch."""
+    zone = next(clause.params for clause in scene.contrast if isinstance(clause.params, SlowZoneParams))
+    thresholds = scene.catalog.needless.thresholds
+    road = Road(scene.network, zone.zone_edges, beside_widths=thresholds["beside_road_widths"])
+    front = road.front(at.ego)
+    if front is None or front < zone.start_m:
+        return "The mean is that of the drive from its start to where the zone begins."
+    over = min(zone.end_m - zone.start_m, thresholds["slow_zone_m"])
+    return f"The mean is that of the first {over:.0f} m of the zone."
 
 
 def scene_facts(scene: Scene, country: Country | None = None) -> dict[str, str]:

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from tsbench.core.extras import import_all
+from tsbench.roads.network import RoadNetwork
 from tsbench.rules.monitor import Monitor, Verdict, Violation
 from tsbench.rules.needless_detour import NeedlessDetour
 from tsbench.rules.needless_passage import NeedlessStop, NeedlessYield
@@ -83,6 +87,48 @@ class Monitors:
             tuple(sorted(events, key=lambda event: (event.start_s, event.clause))),
             self.wrong_way.finish().violations,
         )
+
+
+def verdicts_of_other_half(other: Scene, network: RoadNetwork, snapshots: Iterable[WorldSnapshot]) -> Verdicts:
+    """What the monitors of the other half say of a whole drive in this one, whose network is given.
+
+    Both halves have the same roads; their networks may number the lanes of a junction differently.
+    """
+    monitors, places = make_monitors(other), _places(network)
+    chains: dict[tuple[str, ...], list[tuple[float, int]]] = defaultdict(list)
+    for lane, (way, at) in _places(other.network).items():
+        chains[way].append((at, lane))
+
+    def moved(lane: int, s: float) -> tuple[int, float]:
+        if lane not in places:
+            return lane, s
+        way, at = places[lane]
+        start, there = max((one for one in chains[way] if one[0] <= at + s), default=chains[way][0])
+        return there, at + s - start
+
+    for snapshot in snapshots:
+        ego, actors = snapshot.ego, snapshot.actors
+        lane, s = moved(ego.lane, ego.s)
+        lanes = [moved(*place) for place in zip(actors.lane.tolist(), actors.lane_s.tolist(), strict=True)]
+        table = np.array(lanes, dtype=np.float64).reshape(-1, 2)
+        there = replace(actors, lane=table[:, 0].astype(np.int32), lane_s=table[:, 1])
+        monitors.update(replace(snapshot, ego=replace(ego, lane=lane, s=s), actors=there))
+    return monitors.finish()
+
+
+def _places(network: RoadNetwork) -> dict[int, tuple[tuple[str, ...], float]]:
+    """By lane its name, or the names of the lanes that it connects in a junction, and its start on that way in m."""
+    found: dict[int, tuple[tuple[str, ...], float]] = {}
+    for lane in network.lanes:
+        if lane.internal:
+            continue
+        found[lane.index] = ((lane.id,), 0.0)
+        for connection in network.outgoing[lane.index]:
+            way, at = (lane.id, network.lanes[connection.to_lane].id), 0.0
+            for inner in connection.via:
+                found[inner] = (way, at)
+                at += network.lanes[inner].length
+    return found
 
 
 def make_monitors(scene: Scene) -> Monitors:

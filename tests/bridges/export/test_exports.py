@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import shapely
 from patience import HANG_S
+from run_builders import episode, make_run
 
 from tsbench.bridges.commonroad_lanelets import SIGN_NUMBERS
 from tsbench.cli import main
@@ -38,8 +39,9 @@ COMMONROAD = Path(sys.prefix) / "commonroad"
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with three traces; exporting one episode needs no more of a run."""
-    folder = tmp_path_factory.mktemp("run")
+    """A run with the traces of four episodes."""
+    records = [episode(planner, 0, 0, 0, scenario_id=kind, scenario_type=kind) for kind, planner in DRIVEN]
+    folder = make_run(tmp_path_factory.mktemp("made") / "run", records, asked=3)
     rows = DataSet.in_use().table("test")
     tempting = {c.scenario_id for c in certificates_of(DataSet.in_use()) if c.tempting}
     sim = None

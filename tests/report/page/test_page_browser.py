@@ -319,7 +319,7 @@ def test_both_halves_are_played_in_step(chromium: Browser, paired: Path) -> None
         until(page, f"tsb.player.episode?.scenario === '{broken}'")
         assert page.evaluate("tsb.player.halves.length") == 1
         assert page.locator("#player-half-2").is_hidden()
-        assert "--trace all" in page.inner_text("#player-alone")
+        assert "render RUN --failures" in page.inner_text("#player-alone")
 
 
 def test_a_camera_takes_the_other_along(chromium: Browser, paired: Path) -> None:

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.bridges.second_judge.commonroad_monitor import SPEED, STOP, ExportedDrive, Reading
-from tsbench.core.errors import InputError
-from tsbench.episode.trace import read_trace
 from tsbench.report.analyses.analysis import markdown_row
-from tsbench.report.episode_files import Selection, export_kind, select_traces
+from tsbench.report.episode_files import Selection, export_kind, select_episodes
+from tsbench.run.log.read import read_run
+from tsbench.run.run_traces import Traces
 
 # By our clause: the types whose scenes ask it, and how the other judge is asked.
 RULES: Mapping[str, tuple[str, tuple[str, ...], Mapping[str, Reading]]] = {
@@ -51,15 +51,12 @@ class Case:
 def cases(run: Path, folder: Path, progress: Callable[[int, int], None]) -> Iterator[Case]:
     """Each traced episode of the types that both judge. folder: for exported files. Raises InputError."""
     types = tuple(kind for _, kinds, _ in RULES.values() for kind in kinds)
-    chosen = select_traces(run, Selection(types=types))
-    if chosen.untraced:
-        raise InputError(f"{run}: {chosen.untraced} episodes have no trace (tsbench run --trace all keeps them)")
-    kind = export_kind("commonroad")
-    for number, path in enumerate(chosen.traces):
-        progress(number, len(chosen.traces))
-        trace = read_trace(path)
-        file = kind.path(folder, path)
-        kind.make(chosen.data, trace, file)
+    kind, traces = export_kind("commonroad"), Traces(read_run(run))
+    chosen = select_episodes(traces.run, Selection(types=types))
+    for number, key in enumerate(chosen):
+        progress(number, len(chosen))
+        file = kind.path(folder, key)
+        trace = kind.make(traces, traces.run.row("/".join(key)), file)
         drive = ExportedDrive(file)
         for clause, (_, kinds, readings) in RULES.items():
             if trace.spec.scenario_type in kinds:

@@ -24,10 +24,11 @@ from tsbench.report.drawing.road_shapes import ground_shapes, road_shapes
 from tsbench.report.drawing.scene_shapes import body_kind, braking, ego_brakes, indicators, named_from, scene_shapes
 from tsbench.report.page.page_format import deltas, drawing, pack, plate_key, plate_keys, plate_of
 from tsbench.report.time_to_collision import FARTHEST_S, times_to_collision, times_to_conflict
-from tsbench.report.wording import episode_subtitle, episode_title, readable, unit_words
+from tsbench.report.wording import episode_subtitle, episode_title, readable, under_other_sign, unit_words
 from tsbench.roads.planner_map import build_planner_map
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.signs.annotations import DISTRACTOR
 from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.scene import Scene
@@ -59,6 +60,7 @@ class EpisodePacker:
     def __init__(self, data: DataSet, loader: SceneLoader | None = None) -> None:
         self._data, self._loader = data, SceneLoader(data) if loader is None else loader
         self._roads: dict[str, bytes] = {}
+        self._rows: dict[str, dict[tuple[str, str], ScenarioSpec]] = {}
 
     def pack(self, path: Path, key: tuple[str, str]) -> Packed:
         """The trace at `path`, which is to be that of `key` (planner, scenario).
@@ -76,6 +78,7 @@ class EpisodePacker:
         furnished = drawing(scene_shapes(scene, roads.graph))
         header = {
             **_about(trace),
+            "otherwise": self._otherwise(trace, scene),
             "told": _told(trace, scene),
             "named": named_from(
                 trace.events, (*trace.snapshots[-1].actors.table.ids, *(o.id for o in scene.obstacles))
@@ -96,6 +99,18 @@ class EpisodePacker:
             shapes = (*ground_shapes(trace.spec.map_id), *road_shapes(scene.network, scene))
             self._roads[net] = pack({"drawing": drawing(shapes)})
         return Packed(pack({**header, **parts}, arrays), net, self._roads[net], plate_keys(furnished))
+
+    def _otherwise(self, trace: Trace, scene: Scene) -> str:
+        """What a failed drive of one half would have in the other; "" for any other, and for one of other scenes."""
+        spec = trace.spec
+        if not (spec.pair_id and trace.events):
+            return ""
+        if spec.split not in self._rows:
+            self._rows[spec.split] = {(row.pair_id, row.half): row for row in self._data.table(spec.split)}
+        rows, half = self._rows[spec.split], CONTRAST if spec.half == SIGNED else SIGNED
+        if rows.get((spec.pair_id, spec.half)) != spec:
+            return ""
+        return under_other_sign(scene, self._loader.load(rows[spec.pair_id, half])[0], trace.snapshots)
 
 
 def pack_plate(key: str) -> bytes:

@@ -83,6 +83,7 @@ def tell_rescored(folder: Path, contract: str, files: Mapping[str, str] | None) 
 
 EPISODES = "episodes.parquet"
 _ENDED = ("complete", "interrupted")
+_NAME = ("planner", "scenario_id")
 
 
 @dataclass(frozen=True)
@@ -140,6 +141,23 @@ class StoredRun:
 
     def of(self, planner: str) -> pa.Table:
         return self.episodes.filter(pc.is_in(self.episodes["planner"], pa.array([planner])))
+
+    def row(self, episode: str) -> dict[str, Any]:
+        """The record of `scenario_id` or `planner/scenario_id`.
+
+        Raises InputError for no such episode, naming a few, and for a scenario of several planners.
+        """
+        names = [f"{row['planner']}/{row['scenario_id']}" for row in self.episodes.select(_NAME).to_pylist()]
+        found = [k for k, name in enumerate(names) if name == episode]
+        found = found or [k for k, name in enumerate(names) if name.rpartition("/")[2] == episode]
+        if len(found) > 1:
+            choices = ", ".join(names[k] for k in found)
+            raise InputError(f"{self.path}: {episode} was driven by several planners, name one: {choices}")
+        if not found:
+            some = f"there are {', '.join(names[:3])}, …" if names else "it has none yet"
+            raise InputError(f"{self.path}: no episode {episode!r}; {some}")
+        row: dict[str, Any] = self.episodes.slice(found[0], 1).to_pylist()[0]
+        return row
 
     def holes(self, planner: str) -> int:
         """Scenarios asked of a planner that have no record."""

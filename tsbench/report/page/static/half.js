@@ -153,6 +153,7 @@ tsb.Half = class {
     told.push(el("p", {}, name, el("strong", { class: target.length ? "bad" : "good" }, word), ` · ${ending}`));
     if (episode.error) told.push(el("p", { class: "note warn" }, episode.error));
     for (const event of [...target, ...others]) told.push(this.story(event));
+    if (episode.otherwise) told.push(el("p", { class: "faint" }, episode.otherwise));
     if (episode.told.length) told.push(el("div", { class: "story other" }, el("p", { class: "faint" }, "what the planner was told of plates"),
       ...episode.told.map((one) => this.heard(one))));
     this.get("verdict").replaceChildren(...told);
