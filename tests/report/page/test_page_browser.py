@@ -14,11 +14,13 @@ import pytest
 from browsing import DESKTOP, PHONE, until
 from page_runs import HOSTILE, SENTENCE, TRACED
 from patience import HANG_S
+from test_page_server import under_way
 
 from tsbench.report.page import report_page as embedding
 from tsbench.report.page import report_server as serving
 from tsbench.report.page.report_page import write_report
 from tsbench.report.page.report_server import make_server
+from tsbench.run.log.journal import JOURNAL, encode
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -246,6 +248,29 @@ def test_a_served_run_fetches_what_it_plays(chromium: Browser, run: Path, monkey
             until(page, "tsb.player.episode !== null")
             assert SENTENCE in page.inner_text("#player-verdict")
             until(page, "[...document.querySelectorAll('#player-plate')].every(i => i.naturalWidth > 0)")
+    finally:
+        server.shutdown()
+        server.server_close()
+        thread.join()
+
+
+def test_the_page_of_a_run_that_goes_on_loads_its_new_episodes(
+    chromium: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serving, "EpisodePacker", page_runs.packer)
+    made = page_runs.make_run(tmp_path / "run")
+    lines, journal = under_way(made), made / JOURNAL
+    journal.write_bytes(encode({"run": "this"}) + b"".join(lines[:3]))
+    server = make_server([made], 0)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        with opened(chromium, f"http://127.0.0.1:{server.server_address[1]}/run/0/") as page:
+            until(page, "!document.getElementById('live').hidden")
+            assert page.inner_text("#live") == "The run goes on: 3 of 96 episodes are finished."
+            journal.write_bytes(encode({"run": "this"}) + b"".join(lines[:7]))
+            page.get_by_text("The run goes on: 7 of 96 episodes").wait_for()
+            page.get_by_text("of 7 episodes can be played").wait_for()
     finally:
         server.shutdown()
         server.server_close()

@@ -130,6 +130,10 @@ def test_a_run_that_is_driven_shows_what_is_finished(run: Path) -> None:
         assert (status, b"no episode is finished yet" in body) == (422, True)
         journal.write_bytes(encode({"run": "this"}) + b"".join(lines[:1]))
         assert b"1 of 96" in ask(port, "/")[2]
+        status, kind, body = ask(port, "/run/0/state")
+        state = json.loads(body)
+        assert (status, kind) == (200, "application/json")
+        assert (state["status"], state["finished"], state["asked"]) == ("running", 1, 96)
         assert ask(port, "/run/0/")[0] == 200
         assert unpack(ask(port, "/run/0/data/episode/0")[2])[0]["scenario"] == TRACED[0]
         assert players(port) == 1
@@ -137,6 +141,7 @@ def test_a_run_that_is_driven_shows_what_is_finished(run: Path) -> None:
         journal.write_bytes(encode({"run": "this"}) + b"".join(lines) + lines[0][:-9])
         assert players(port) == 1
         assert b"96 of 96" in ask(port, "/")[2]
+        assert json.loads(ask(port, "/run/0/state")[2])["finished"] == 96
         assert ask(port, "/run/0/")[0] == 200
         assert players(port) == 4
         # The run ends while its page is open.
@@ -175,7 +180,8 @@ def under_way(run: Path) -> list[bytes]:
         "/run/0/data/episode/..%2F..%2Frun.json", "/run/0/data/episode/%2Fetc%2Fpasswd",
         "/run/0/data/episode/-1", "/run/0/data/episode/1e3", "/run/0/data/episode/99999", "/run/0/data/episode/%D9%A3",
         "/run/0/data/roads/..", "/run/0/data/roads/" + "f" * 64, "/run/0/run.json", "/run/0/traces/idm",
-        "/run/0/data/plate/3.24%7Cx", "/run/0/data/plate/3.24%7Cnan", "/run/7/", "/run/1/", "/run/0", "/favicon.ico",
+        "/run/0/data/plate/3.24%7Cx", "/run/0/data/plate/3.24%7Cnan", "/run/7/", "/run/1/", "/run/0",
+        "/run/7/state", "/favicon.ico",
     ],
 )  # fmt: skip
 def test_other_addresses_name_nothing(one_port: int, path: str) -> None:

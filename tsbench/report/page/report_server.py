@@ -7,6 +7,7 @@ that no page of another site can read runs through a name that resolves to this 
 
 from __future__ import annotations
 
+import json
 import re
 import socket
 import sys
@@ -31,8 +32,10 @@ from tsbench.run.log.read import is_run
 
 HOST = "127.0.0.1"
 _RUN = re.compile(r"/run/(\d{1,6})/")
+_STATE = re.compile(r"/run/(\d{1,6})/state")
 _DATA = re.compile(r"/run/(\d{1,6})/data/(episode|roads|plate)/([^/]{1,80})")
-_HTML, _TEXT, _PACKED = "text/html; charset=utf-8", "text/plain; charset=utf-8", "application/octet-stream"
+_HTML, _TEXT, _JSON = "text/html; charset=utf-8", "text/plain; charset=utf-8", "application/json"
+_PACKED = "application/octet-stream"
 
 
 class NotThere(Exception):
@@ -73,6 +76,11 @@ class Library:
             run = self._open(number, again=True)
             run.page = run.page or served_page(run.pool, run.index, f"/run/{number}/data/").encode()
             return run.page
+
+    def state(self, number: int) -> bytes:
+        """How a run stands, as JSON: what its line in the list shows. Raises NotThere."""
+        with self._lock(number):
+            return json.dumps(_told(self.runs[number])).encode()
 
     def data(self, number: int, kind: str, name: str) -> bytes:
         """Packed data of a run's page. Raises NotThere, and InputError for a trace that cannot be shown."""
@@ -223,6 +231,8 @@ class _Handler(BaseHTTPRequestHandler):
             return _HTML, self.shelf.index()
         if found := _RUN.fullmatch(path):
             return _HTML, self.shelf.page(int(found[1]))
+        if found := _STATE.fullmatch(path):
+            return _JSON, self.shelf.state(int(found[1]))
         if found := _DATA.fullmatch(path):
             return _PACKED, self.shelf.data(int(found[1]), found[2], found[3])
         raise NotThere("nothing here")

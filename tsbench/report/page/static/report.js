@@ -1,3 +1,21 @@
+/* A served page of a run that goes on: one line says how far it is, and new episodes appear, but not while an episode plays
+ * or a filter is typed. */
+(() => {
+  const EVERY_MS = 5000, source = tsb.json("source");
+  let shown = null;
+  const look = async () => {
+    const answer = await fetch(source.replace(/data\/$/, "state")), state = answer.ok ? await answer.json() : { status: "" };
+    const line = document.getElementById("live"), goesOn = state.status === "running";
+    line.hidden = !goesOn;
+    line.textContent = `The run goes on: ${state.finished} of ${state.asked} episodes are finished.`;
+    shown ??= state.finished;
+    const busy = document.querySelector("dialog[open]") || document.activeElement?.matches("input, select");
+    if (shown !== state.finished && !busy) location.reload();
+    else if (goesOn || busy) setTimeout(look, EVERY_MS);
+  };
+  if (source !== null) look().catch(() => {}); // the server has ended
+})();
+
 /* The report: its table of episodes opens the player, cells of the heat map filter the table. */
 tsb.tableOptions = { "episode-table": (() => {
   const playable = (api, row) => api.table.values.playable[row];
