@@ -97,8 +97,19 @@ def test_floors_stand_apart(honest: Make, tmp_path: Path) -> None:
     # Though its figures are the better ones.
     assert order(page) == ["idm", "Ground"]
     rows, floors = page.split('<tbody class="floors">')
+    assert "paired SCD by planner, exact perception: " in page
     assert "Ground" in floors
     assert "Ground" not in rows.split("<tbody>")[1]
+
+
+def test_the_code_of_a_row_is_a_link_where_its_address_is_one(honest: Make, tmp_path: Path) -> None:
+    base, out = tmp_path / "all", tmp_path / "site"
+    put(base, "idm.json", honest("idm", url="https://example.org/mine"))
+    put(base, "e.json", honest("idm-e", url="javascript:alert(1)"))
+    build(base, out)
+    page = (out / "index.html").read_text()
+    assert 'href="https://example.org/mine" rel="nofollow"' in page
+    assert "javascript:alert" not in page
 
 
 def test_bytes_and_verdicts_are_told_apart(honest: Make, tmp_path: Path) -> None:

@@ -1,8 +1,10 @@
-"""The figures of the site: paired SCD of a planner over perception levels, and over cities; as large on a telephone."""
+"""The figures of the site: paired SCD of planners, of one over perception levels, and over cities; as large on a
+telephone.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from functools import partial
 
 from markupsafe import Markup
@@ -15,6 +17,8 @@ from tsbench.report.forest import ForestRow, Mark, draw_rows
 # Inches of 72 points, which are 96 px: 340 px.
 _WIDTH, _HEIGHT = 3.54, 2.3
 _ROWS, _ROW = 0.75, 0.28
+# Characters of a name that stands beside its row.
+_NAME = 34
 _COLOUR = GROUP_COLOURS["priority"]
 Point = tuple[str, Figure]
 
@@ -30,10 +34,10 @@ def curve(points: Sequence[Point], floor: Point | None, name: str, title: str) -
     return inline_svg(partial(_curve, points, floor), name, said)
 
 
-def cities(points: Sequence[Point], name: str, title: str) -> Markup:
-    """Values by city with their intervals, one row each; the rest as `curve`."""
-    said = f"{title}: {'; '.join(f'{city} {_words(figure)}' for city, figure in points)}"
-    return inline_svg(partial(_cities, points), name, said)
+def forest(points: Sequence[Point], name: str, title: str, floors: Container[str] = ()) -> Markup:
+    """Values by planner or city with their intervals, one row each; the rest as `curve`. floors: names in grey."""
+    said = f"{title}: {'; '.join(f'{of} {_words(figure)}' for of, figure in points)}"
+    return inline_svg(partial(_forest, points, floors), name, said)
 
 
 def _curve(points: Sequence[Point], floor: Point | None) -> Drawing:
@@ -70,13 +74,14 @@ def _curve(points: Sequence[Point], floor: Point | None) -> Drawing:
     return drawing
 
 
-def _cities(points: Sequence[Point]) -> Drawing:
+def _forest(points: Sequence[Point], floors: Container[str]) -> Drawing:
     drawing = Drawing(figsize=(_WIDTH, _ROWS + _ROW * len(points)), layout="constrained")
     axes = drawing.subplots()
-    rows = [
-        ForestRow(city, (Mark(f.value, f.low, f.high, _COLOUR),), "–" if f.value is None else f"{f.value:.1f}")
-        for city, f in points
-    ]
+    rows = []
+    for of, figure in points:
+        name = of if len(of) <= _NAME else f"{of[: _NAME - 1]}…"
+        mark = Mark(figure.value, figure.low, figure.high, GREY if of in floors else _COLOUR)
+        rows.append(ForestRow(name, (mark,), "–" if figure.value is None else f"{figure.value:.1f}"))
     draw_rows(axes, rows)
     axes.set(xlim=(-3.0, 103.0), xticks=(0, 25, 50, 75, 100))
     axes.tick_params(axis="x", labelsize=8.5)

@@ -91,7 +91,19 @@ def _data_set(rows: Sequence[BoardRow]) -> dict[str, Any]:
 
 
 def _level(rows: list[BoardRow]) -> dict[str, Any]:
+    drawn = [row for row in rows if not row.refuted and row.primary is not None]
+    titles = Counter(row.submission.title for row in drawn)
+    # Rows of one title differ by the beginning of their file's hash.
+    names = [t if titles[t := row.submission.title] == 1 else f"{t} ({row.sha256[:8]})" for row in drawn]
+    first = rows[0].submission
+    chart = curves.forest(
+        [(name, row.primary) for name, row in zip(names, drawn, strict=True) if row.primary is not None],
+        f"planners-{first.contract[:8]}-{first.level}",
+        f"{_primary_name(drawn)} by planner, {first.level} perception",
+        {name for name, row in zip(names, drawn, strict=True) if row.submission.planner.floor},
+    )
     return {
+        "chart": chart if len(drawn) > 1 else None,
         "name": rows[0].submission.level,
         "rows": [row for row in rows if not row.submission.planner.floor],
         "floors": [row for row in rows if row.submission.planner.floor],
@@ -144,7 +156,7 @@ def _cities(own: Sequence[BoardRow]) -> list[tuple[str, Markup]]:
         points = [(city, row.primary) for city, row in best.items() if row.primary is not None]
         if len(points) > 1:
             title = f"{_primary_name(list(best.values()))} of {own[0].submission.title} by city, {split} split"
-            drawn.append((split, curves.cities(points, f"cities-{split}", title)))
+            drawn.append((split, curves.forest(points, f"cities-{split}", title)))
     return drawn
 
 
