@@ -31,8 +31,8 @@ from tsbench.scenarios.data_set import DataSet
 ROOT = Path(tsbench.__file__).parent.parent
 FOLDERS = sorted(path.parent for path in (ROOT / "results").glob("*/run.json"))
 _, ANALYSES = read_campaign(ROOT / "results" / "campaign.yaml")
-# By the name of a block on a page. Left out are those that need traces, and long ones.
-MADE = {one.name: one for one in ANALYSES if one.name in ("main", "ablation") or one.kind == "floor"}
+# By the name of a block on a page. Left out are one that needs traces, and one with a picture alone.
+MADE = {one.name: one for one in ANALYSES if one.name not in ("perception", "intervals")}
 PAGES = ("README.md", "docs/floor.md", "docs/results.md")
 _BLOCK = r"<!-- analysis (\S+) .*?<!-- end -->"
 

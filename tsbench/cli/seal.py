@@ -19,7 +19,7 @@ _SECRET = "--secret"
 
 @click.group()
 def seal() -> None:
-    """Scenes that nobody can prepare for, and the proof that they were not changed later (docs/seal.md)."""
+    """Scenes that nobody can prepare for, and the proof that they were not changed later (docs/holdout.md)."""
 
 
 @seal.command()

@@ -1,6 +1,6 @@
 """The same planner on the same scenes, seeing otherwise: the sign-channel ablation, and levels of perception.
 
-Ablation: with and without `--mask-signs`; one variant of each test map gives 580 pairs. Source: docs/analyses.md.
+Ablation: with and without `--mask-signs`; one variant of each test map gives 580 pairs. Source: docs/report.md.
 Differences as in `tsbench compare`. Levels: what wrong perception costs each planner. Source: docs/perception.md.
 """
 
