@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from tsbench.learn.imitation.trainer import Trainer
-from tsbench.learn.plant2.planner_ft import Plant2Blind
 from tsbench.learn.plant2.plant2_network import Plant2FtNetwork, Plant2Network
+from tsbench.learn.plant2.plant2_planner import Plant2Blind
 from tsbench.learn.plant2.sign_tokens import READER, Vocabulary, vocabulary_of
 from tsbench.planners.weights import save_weights
 

@@ -11,8 +11,7 @@ import pytest
 
 from tsbench.learn.envs import DRIVE, MAX_STEPS
 from tsbench.learn.envs.drive_env import DriveEnv
-from tsbench.learn.envs.encoders import cruise
-from tsbench.learn.rl.actions import accelerate, aim
+from tsbench.learn.rl.actions import accelerate, aim, cruise
 
 
 def drive(env: DriveEnv, turn: float) -> dict[str, Any]:

@@ -15,11 +15,11 @@ import pytest
 from tsbench.core.errors import InputError
 from tsbench.learn.envs import GROUPS
 from tsbench.learn.envs.drive_env import DriveEnv
-from tsbench.learn.envs.encoders import KINDS
 from tsbench.learn.envs.reward import RewardSpec
 from tsbench.learn.envs.seen_tables import (
     ADDRESSED,
     FAR_M,
+    KINDS,
     LANE,
     PLATE,
     POINTS,

@@ -13,9 +13,9 @@ from tsbench.core.errors import InputError
 from tsbench.learn.envs import DRIVE
 from tsbench.learn.envs.drive_env import DriveEnv
 from tsbench.learn.envs.view import SIZE_PX
+from tsbench.report.drawing.canvas import STYLE
 
 ONWARD = np.array([0.2, 0.0], dtype=np.float32)
-BLUE = np.array((32, 96, 200))
 
 
 def test_the_ego_is_in_the_middle_and_the_road_goes_by() -> None:
@@ -25,7 +25,7 @@ def test_the_ego_is_in_the_middle_and_the_road_goes_by() -> None:
     assert first.shape == (SIZE_PX, SIZE_PX, 3)
     assert first.dtype == np.uint8
     middle = first[SIZE_PX // 2 - 4 : SIZE_PX // 2 + 5, SIZE_PX // 2 - 4 : SIZE_PX // 2 + 5].reshape(-1, 3)
-    assert (middle == BLUE).all(axis=1).mean() > 0.5
+    assert (middle == STYLE.ego).all(axis=1).mean() > 0.5
     for _ in range(10):
         env.step(ONWARD)
     assert (env.render() != first).mean() > 0.02

@@ -26,7 +26,7 @@ from tsbench.learn.imitation.frames import (
     observations,
 )
 from tsbench.learn.imitation.frames_store import FrameStore, ImitationSource, TrainingResources, make_chunk, plan_hash
-from tsbench.learn.plant2 import layout as at
+from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.tokens import Tokeniser
 from tsbench.planners.registry import resolve
 from tsbench.scenarios.data_set import DataSet

@@ -15,12 +15,18 @@ from tsbench.core.errors import InputError
 from tsbench.learn.imitation import trainer
 from tsbench.learn.imitation.frames import FRAME, PlannerDrive
 from tsbench.learn.imitation.frames_store import ImitationSource, TrainingResources, plan_hash
-from tsbench.learn.imitation.recipe import ImitationRecipe, drives_of, in_turn, kept_for_validation, validation_rows
-from tsbench.learn.imitation.skill import Skill
+from tsbench.learn.imitation.recipe import (
+    ImitationRecipe,
+    Skill,
+    drives_of,
+    in_turn,
+    kept_for_validation,
+    validation_rows,
+)
 from tsbench.learn.imitation.task import batches_of, imitation
 from tsbench.learn.imitation.trainer import losses, rate_at, total, train, trimmed, two_hot
 from tsbench.learn.learning_curve import read_rows
-from tsbench.learn.plant2 import layout as at
+from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.plant2_network import Plant2Network
 from tsbench.planners.weights import load_weights
 from tsbench.scenarios.data_set import DataSet

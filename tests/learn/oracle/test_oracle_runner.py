@@ -12,11 +12,9 @@ from rich.console import Console
 
 from tsbench.core.seeds import planner_seed
 from tsbench.learn.oracle.collect import CollectOptions, chosen, collect, experts, first_variant
-from tsbench.learn.oracle.runner import OracleRunner, record_of, unpack
-from tsbench.learn.oracle.select import select
-from tsbench.learn.oracle.stats import verify
+from tsbench.learn.oracle.select import select, verify
 from tsbench.learn.oracle.store import read_tries
-from tsbench.learn.oracle.trajectories import retry_seed
+from tsbench.learn.oracle.trajectories import OracleRunner, record_of, retry_seed, unpack
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
@@ -159,7 +157,9 @@ def collected(out: Path, workers: int) -> list[str]:
     """Two experts on two scenarios; what was said meanwhile."""
     said = io.StringIO()
     request = Request(("idm-e", "idm-s4-e"), "train", ("bus_lane_road",), limit=2)
-    found = collect(CollectOptions(request, out, workers=workers), ProgressWatcher(Console(file=said, width=200)))
+    found = collect(
+        CollectOptions(request=request, out=out, workers=workers), ProgressWatcher(Console(file=said, width=200))
+    )
     assert found.complete
     assert [(t.asked, t.solved, t.drives, t.errors) for t in found.experts.values()] == [(2, 2, 2, 0)] * 2
     return said.getvalue().splitlines()

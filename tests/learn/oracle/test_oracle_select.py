@@ -15,11 +15,9 @@ from hypothesis import strategies as st
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.learn.imitation.recipe import kept_for_validation
-from tsbench.learn.oracle.runner import FIGURES, pack, unpack
-from tsbench.learn.oracle.select import Candidate, f_score, part_of, rank, select
-from tsbench.learn.oracle.stats import stats
+from tsbench.learn.oracle.select import Candidate, f_score, part_of, rank, select, stats
 from tsbench.learn.oracle.store import KIND, Collection, basis, read_tries
-from tsbench.learn.oracle.trajectories import stream_trajectories
+from tsbench.learn.oracle.trajectories import FIGURES, pack, stream_trajectories, unpack
 from tsbench.report.analyses.analysis import to_csv, write_analysis
 from tsbench.run.log.manifest import new_manifest
 from tsbench.run.log.record import Record, Row, error_row

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from learned_scenes import Recorder, record
 
-from tsbench.learn.plant2 import layout as at
+from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.ablations import InSight, SecondSeed, WithoutHalts, WithoutMemory
-from tsbench.learn.plant2.planner_ft import Plant2Ft
+from tsbench.learn.plant2.plant2_planner import Plant2Ft
 from tsbench.learn.plant2.sign_tokens import SignMemory, vocabulary_of
 from tsbench.planners.base import SignView
 from tsbench.planners.weights import network

@@ -11,10 +11,9 @@ import pytest
 from learned_scenes import Recorder, record, with_signs
 from training_helpers import fresh_blind, fresh_tuned, fresh_weights
 
-from tsbench.learn.plant2.layout import PATH_POINTS, PLAN
-from tsbench.learn.plant2.planner_ft import Plant2Blind, Plant2Ft, StopPolicy
 from tsbench.learn.plant2.plant2_network import Plant2Network
-from tsbench.learn.plant2.plant2_planner import HOLD_TICKS, Gains, Plant2, control
+from tsbench.learn.plant2.plant2_planner import HOLD_TICKS, Gains, Plant2, Plant2Blind, Plant2Ft, StopPolicy, control
+from tsbench.learn.plant2.tokens import PATH_POINTS, PLAN
 from tsbench.planners import registry
 from tsbench.planners.base import Control
 from tsbench.sim.ego import Motion, advance
@@ -43,7 +42,7 @@ def commands(planner: Plant2, drive: Recorder, *, signs: bool) -> list[Control]:
 
 
 def test_the_learned_floor_sees_posts_and_nothing_on_them(drive: Recorder, folder: Path) -> None:
-    entry = registry.resolve("tsbench.learn.plant2.planner_ft:Plant2Blind")
+    entry = registry.resolve("tsbench.learn.plant2.plant2_planner:Plant2Blind")
     assert (entry.floor, entry.sign_access, entry.privileged) == (True, False, False)
     planner = Plant2Blind(folder=folder)
     plates = [with_signs(o) for o in drive.seen]

@@ -17,8 +17,8 @@ from learned_scenes import SPEED, Recorder, record, with_signs
 
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_root
-from tsbench.learn.plant2 import layout as at
-from tsbench.learn.plant2.planner_ft import RouteAlternatives, SignTokeniser
+from tsbench.learn.plant2 import tokens as at
+from tsbench.learn.plant2.plant2_planner import RouteAlternatives, SignTokeniser
 from tsbench.learn.plant2.sign_tokens import READER, SignMemory, _Held, fill_signs, vocabulary_of, vocabulary_of_catalog
 from tsbench.learn.plant2.tokens import Tokeniser
 from tsbench.planners.base import Observation, SignView

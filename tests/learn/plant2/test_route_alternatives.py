@@ -10,8 +10,8 @@ import pytest
 from learned_scenes import Recorder, record, with_signs
 from planner_loop import load
 
-from tsbench.learn.plant2 import layout as at
-from tsbench.learn.plant2.planner_ft import RouteAlternatives
+from tsbench.learn.plant2 import tokens as at
+from tsbench.learn.plant2.plant2_planner import RouteAlternatives
 from tsbench.planners.base import Observation
 from tsbench.roads.lane_graph import Destination, LaneGraph, MapGraph
 from tsbench.sim.navigation import Navigator

@@ -15,10 +15,10 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from tsbench.learn.envs.drive_env import DriveEnv
-from tsbench.learn.ppo.vector import SIZE
 from tsbench.learn.rl.actions import HOLD_TICKS, accelerate, action_for
 from tsbench.learn.rl.dagger import DaggerWrapper, warm_up
 from tsbench.learn.rl.policy import policy_of
+from tsbench.learn.rl.ppo_planner import SIZE
 from tsbench.planners.idm import Idm
 
 pytestmark = pytest.mark.slow

@@ -1,4 +1,6 @@
-"""`objects` and `scene`: what a planner sees as tables of numbers, plates included, for networks that take sets.
+"""What an environment shows: each kind of observation with its space.
+
+`objects` and `scene` are what a planner sees as tables of numbers, plates included, for networks that take sets.
 
 Places are in the ego's frame (forward, left), angles as cosine and sine against its heading, rows sorted by distance.
 `objects` is in m and m/s; a row that is not there is zero, its first number too. `scene` is for networks that shall
@@ -9,16 +11,20 @@ plates on the navigation's way stand before the others.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
 from tsbench.core.errors import InputError
+from tsbench.learn.rl.actions import ways_to
+from tsbench.learn.rl.carl_planner import RasterEncoder
+from tsbench.learn.rl.ppo_planner import SIZE, VectorEncoder
+from tsbench.learn.shared_inputs import CHANNELS, MEASUREMENTS, PIXELS
 from tsbench.planners.base import Observation, PlannerContext, SignView
-from tsbench.roads.lane_graph import MapGraph, shortest_ways
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.model import OUTLINES
 from tsbench.sim.ego import MAX_STEER_RAD
@@ -300,20 +306,45 @@ class SceneSeen:
         return table, mask
 
 
-def ways_to(graph: MapGraph, target: str) -> dict[str, float]:
-    """From the start of each edge that leads there, m to the start of `target`, along edges."""
-    edges, roads = list(graph.network.edges), graph.network.edges
-    number = {edge: k for k, edge in enumerate(edges)}
-    before: list[list[int]] = [[] for _ in edges]
-    for edge in edges:
-        for following in graph.successors(edge):
-            before[number[following]].append(number[edge])
-
-    def back(k: int, cost: float) -> Iterator[tuple[int, float]]:
-        return ((source, cost + roads[edges[source]].length) for source in before[k])
-
-    return {edges[k]: reached.cost for k, reached in shortest_ways(number[target], back).items()}
-
-
 def _scaled(values: Floats) -> Table:
     return np.clip(values, -1.0, 1.0).astype(np.float32)
+
+
+class ObservationEncoder(Protocol):
+    """One kind of observation; `encode` gives elements of `space`."""
+
+    space: spaces.Space[Any]
+
+    def reset(self, context: PlannerContext) -> None: ...
+
+    def encode(self, observation: Observation) -> Any: ...
+
+
+class VectorSeen(VectorEncoder):
+    """`vector`: the 275 numbers of `ppo`."""
+
+    space: spaces.Space[Any] = spaces.Box(-2.0, 2.0, (SIZE,), np.float32)
+
+
+class BevSeen(RasterEncoder):
+    """The raster and the measurements of `carl`."""
+
+    space: spaces.Space[Any] = spaces.Dict(
+        {
+            "bev": spaces.Box(0, 255, (CHANNELS, PIXELS, PIXELS), np.uint8),
+            "measurements": spaces.Box(-2.0, 2.0, (MEASUREMENTS,), np.float32),
+        }
+    )
+
+    def encode(self, observation: Observation) -> Any:
+        raster, measured = super().encode(observation)
+        return {"bev": raster, "measurements": measured}
+
+
+KINDS: dict[str, Callable[[], ObservationEncoder]] = {
+    "vector": VectorSeen,
+    "bev": BevSeen,
+    "objects": ObjectsSeen,
+    "scene": SceneSeen,
+    "plates": partial(SceneSeen, lanes=False),
+}

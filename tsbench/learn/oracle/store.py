@@ -22,8 +22,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic, write_json
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, columns, open_table, save_table
 from tsbench.core.provenance import digest, versions
-from tsbench.learn.oracle.runner import FIGURES, lost_try, unpack
-from tsbench.learn.oracle.trajectories import ORIGIN, Commands, Intents
+from tsbench.learn.oracle.trajectories import FIGURES, ORIGIN, Commands, Intents, lost_try, unpack
 from tsbench.run.log.folder import write_error
 from tsbench.run.log.journal import Content, Journal, Key, Quarantine, decode
 from tsbench.run.log.manifest import NAME, Manifest, difference, plain_planners, planners_of, read_manifest, timestamp

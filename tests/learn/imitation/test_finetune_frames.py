@@ -14,13 +14,12 @@ from tsbench.episode.observation import destination_on_map
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACTLY, Perception, load_level
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.learn.finetune.obedient_frames import FinetuneSource, RecordedDrive, TakeoverDrive
-from tsbench.learn.finetune.targets import FinetuneSampling
 from tsbench.learn.imitation.frames import DriveResult, Drivers, PlannerDrive, observations
 from tsbench.learn.imitation.frames_store import plan_hash
+from tsbench.learn.imitation.targets import FinetuneSampling, FinetuneSource, RecordedDrive, TakeoverDrive
 from tsbench.learn.oracle.trajectories import QuantisedPlanner, Recorded, fingerprints, steps_of
-from tsbench.learn.plant2 import layout as at
-from tsbench.learn.plant2.planner_ft import Plant2Ft
+from tsbench.learn.plant2 import tokens as at
+from tsbench.learn.plant2.plant2_planner import Plant2Ft
 from tsbench.learn.plant2.sign_tokens import vocabulary_of
 from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.base import PlannerContext

@@ -7,7 +7,7 @@ import math
 import cv2
 import numpy as np
 
-from tsbench.learn.networks.shared_inputs import cut, pack, repack
+from tsbench.learn.shared_inputs import cut, pack, repack
 
 RNG = np.random.default_rng(2)
 

@@ -11,22 +11,18 @@ import torch
 from training_helpers import break_off, fresh_blind, fresh_tuned, fresh_weights
 
 from tsbench.core.errors import InputError
-from tsbench.learn.finetune.drives_report import report
-from tsbench.learn.finetune.obedient_frames import SIGN_FRAME, FinetuneSource, RecordedDrive, TakeoverDrive
-from tsbench.learn.finetune.recipe import FineTuning, finetune_drives
-from tsbench.learn.finetune.targets import FAMILIES
-from tsbench.learn.finetune.task import beginning, capped_batches, fine_tuning, quotas, share_of
 from tsbench.learn.imitation import trainer
+from tsbench.learn.imitation.drives_report import report
 from tsbench.learn.imitation.frames import PlannerDrive
 from tsbench.learn.imitation.frames_store import TrainingResources, plan_hash
-from tsbench.learn.imitation.recipe import kept_for_validation
-from tsbench.learn.imitation.skill import Skill
-from tsbench.learn.imitation.task import ImitationTask
+from tsbench.learn.imitation.recipe import FineTuning, Skill, finetune_drives, kept_for_validation
+from tsbench.learn.imitation.targets import FAMILIES, SIGN_FRAME, FinetuneSource, RecordedDrive, TakeoverDrive
+from tsbench.learn.imitation.task import ImitationTask, beginning, capped_batches, fine_tuning, quotas, share_of
 from tsbench.learn.imitation.trainer import train
 from tsbench.learn.oracle.trajectories import Recorded, write_trajectories
-from tsbench.learn.plant2 import layout as at
-from tsbench.learn.plant2.planner_ft import Plant2Blind, Plant2Ft
+from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.plant2_network import Plant2Network
+from tsbench.learn.plant2.plant2_planner import Plant2Blind, Plant2Ft
 from tsbench.learn.plant2.sign_tokens import vocabulary_of
 from tsbench.planners.weights import load_weights
 from tsbench.scenarios.data_set import DataSet

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.special import betaincinv, erf, ndtri
 
-from tsbench.learn.networks.fixed_point import (
+from tsbench.learn.fixed_point import (
     BITS,
     Convolution,
     GroupNorm,
