@@ -72,7 +72,6 @@ def held(frames: at.Records) -> list[tuple[str, float]]:
 def test_a_recorded_drive_shows_what_the_planner_sees_in_use(row: ScenarioSpec, drivers: Drivers) -> None:
     recording = drivers.kept("recording", Recording)
     result = recording.run(row)
-    assert result.facts is not None
     ego, others = fingerprints(result.facts.snapshots)
     recorded = Recorded(
         scenario_id=row.scenario_id, planner="idm-e", attempt=0, part="train", rank=1, quality=None, comfort=None,
@@ -80,7 +79,6 @@ def test_a_recorded_drive_shows_what_the_planner_sees_in_use(row: ScenarioSpec, 
     )  # fmt: skip
     drive = RecordedDrive(row, recorded)
     driven = drive.run(drivers)
-    assert driven is not None
     assert is_scd(driven.facts)
     frames = SOURCE.frames(driven, drivers, np.random.default_rng(0))
     own = frames[::2]
@@ -112,7 +110,6 @@ def test_a_recorded_drive_shows_what_the_planner_sees_in_use(row: ScenarioSpec, 
 
 def test_a_drive_that_disobeyed_teaches_nothing(row: ScenarioSpec, drivers: Drivers) -> None:
     driven = PlannerDrive(row, "idm").run(drivers)
-    assert driven is not None
     assert not is_scd(driven.facts)
     assert len(SOURCE.frames(driven, drivers, np.random.default_rng(0))) == 0
 
@@ -121,9 +118,7 @@ def half(drivers: Drivers, kind: str, name: str, planner: str) -> DriveResult:
     """A planner's drive of one half of a pair of this type."""
     rows = DataSet.in_use().table("test")
     row = next(r for r in rows if r.pair_type == kind and r.half == name and r.variant == 0)
-    driven = PlannerDrive(row, planner).run(drivers)
-    assert driven is not None
-    return driven
+    return PlannerDrive(row, planner).run(drivers)
 
 
 def test_masked_frames_show_posts_and_are_answered_as_the_plate_asks(drivers: Drivers) -> None:
@@ -166,11 +161,8 @@ def test_the_expert_takes_over_from_where_the_student_got_to(
 ) -> None:
     drive = TakeoverDrive(row, "idm-e", 8, student, "0")
     first, second = drive.run(drivers), drive.run(drivers)
-    assert first is not None
-    assert second is not None
     assert fingerprints(first.facts.snapshots) == fingerprints(second.facts.snapshots)
     alone = PlannerDrive(row, "idm-e").run(drivers)
-    assert alone is not None
     egos = [(d.facts.snapshots[8].ego.x, d.facts.snapshots[8].ego.speed) for d in (first, alone)]
     assert egos[0] != egos[1]
     assert first.since == 8

@@ -53,7 +53,6 @@ def drive(row: ScenarioSpec) -> tuple[EpisodeResult, Roads]:
 
 def frames(drive: tuple[EpisodeResult, Roads], sampling: Sampling) -> at.Records:
     result, roads = drive
-    assert result.facts is not None
     driven, tokeniser = DriveResult(result.facts, roads), Tokeniser(roads.view.map)
     teacher = Imitated(driven, sampling)
     return frames_of(driven, tokeniser, teacher, sampling, np.random.default_rng(1), FRAME)
@@ -102,7 +101,6 @@ def test_the_copy_from_beside_has_the_same_targets_in_the_world(drive: tuple[Epi
 
 def test_frames_show_what_the_driver_saw(drive: tuple[EpisodeResult, Roads]) -> None:
     result, roads = drive
-    assert result.facts is not None
     made = frames(drive, Sampling())
     seen = list(observations(result.facts, roads))
     tokens = Tokeniser(roads.view.map).tokens(seen[5])

@@ -98,7 +98,6 @@ def runner(name: str, sumo: Simulation, rows: list[ScenarioSpec], most: int) -> 
 
 
 def test_a_failed_expert_draws_another_driver_until_one_succeeds(sumo: Simulation, rows: list[ScenarioSpec]) -> None:
-    """Every try is recorded; the commands are those of the success."""
     driven = runner("Moody", sumo, rows, most=20)
     attempts = []
     for row in rows[1:]:
@@ -128,12 +127,10 @@ def test_only_another_driver_is_worth_another_try(
 
 
 def test_experts_are_those_that_are_registered() -> None:
-    """Whoever is added to the registry as an expert takes part."""
     assert set(experts()) == {name for name in names() if name.endswith("-e")}
 
 
 def test_a_share_of_the_variants_of_each_map(table: list[ScenarioSpec]) -> None:
-    """So many of each, whichever the order; fewer are a part of more."""
     kinds = ("yield", "bus_lane_road")
     some = {(kind, name) for kind in kinds for name in sorted({r.map_id for r in table if r.pair_type == kind})[:15]}
     table = [r for r in table if (r.pair_type, r.map_id) in some]
@@ -166,7 +163,6 @@ def collected(out: Path, workers: int) -> list[str]:
 
 
 def test_killed_and_continued_it_is_the_same(tmp_path: Path) -> None:
-    """A journal that ends in the middle of a line, then other workers: the same bytes, and every drive replays."""
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     assert collected(whole, workers=1) == []
     journal = (whole / "journal.jsonl").read_bytes().splitlines(keepends=True)

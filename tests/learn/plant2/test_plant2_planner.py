@@ -11,13 +11,16 @@ import pytest
 from learned_scenes import Recorder, record, with_signs
 from training_helpers import fresh_blind, fresh_tuned, fresh_weights
 
+from tsbench.learn.plant2 import tokens as at
+from tsbench.learn.plant2.ablations import InSight, WithoutHalts, WithoutMemory
 from tsbench.learn.plant2.plant2_network import Plant2Network
 from tsbench.learn.plant2.plant2_planner import HOLD_TICKS, Gains, Plant2, Plant2Blind, Plant2Ft, StopPolicy, control
+from tsbench.learn.plant2.sign_tokens import SignMemory, vocabulary_of
 from tsbench.learn.plant2.tokens import PATH_POINTS, PLAN
 from tsbench.planners import registry
-from tsbench.planners.base import Control
+from tsbench.planners.base import Control, SignView
 from tsbench.sim.ego import Motion, advance
-from tsbench.sim.world import EgoState
+from tsbench.sim.world import EGO_LENGTH_M, EgoState
 
 pytestmark = pytest.mark.slow
 
@@ -216,3 +219,38 @@ def test_control_comes_back_to_a_line_without_swinging(speed: float) -> None:
         sides.append(m.y)
     assert abs(sides[-1]) < 0.05
     assert min(sides) > -0.3
+
+
+def plan_that_stands() -> np.void:
+    plan = np.zeros(1, dtype=at.PLAN)[0]
+    plan["speed"], plan["standing"] = 1.5, 0.9
+    return plan
+
+
+def test_without_halts_it_drives_at_the_mean_speed(drive: Recorder) -> None:
+    whole, bare = Plant2Ft(), WithoutHalts()
+    for planner in (whole, bare):
+        planner.reset(drive.context)
+    assert whole.target_speed(plan_that_stands()) == 0.0
+    assert bare.target_speed(plan_that_stands()) == 1.5
+
+
+def test_without_memory_a_plate_out_of_sight_is_gone_and_a_stop_forgotten(drive: Recorder) -> None:
+    o = drive.seen[0]
+    line = next(piece.s1 for piece in o.route.path.pieces if o.route.s <= piece.s1)
+    before_line = replace(o.route, s=line - 2.0 - EGO_LENGTH_M / 2)
+    x, y, heading = (o.ego.x + 2.0 * np.cos(o.ego.heading), o.ego.y + 2.0 * np.sin(o.ego.heading), o.ego.heading)
+    stop = SignView("2.5", None, x, y, heading, o.route.path.edges[0], -1, 0.0, 2.0)
+    stands = replace(o, route=before_line, ego=replace(o.ego, speed=0.0), signs=(stop,))
+    words = vocabulary_of()
+    told = []
+    for kind in (SignMemory, InSight):
+        memory, rows = kind(drive.context.network, words), np.zeros(2, dtype=at.SIGN_TOKENS)
+        for row, seen in zip(rows, (stands, replace(stands, step=o.step + 1, signs=())), strict=True):
+            memory.update(seen)
+            memory.fill(row, seen, 0)
+        told.append([(bool(row["held_classes"][0]), float(row["held"][0, -1])) for row in rows])
+    assert told == [[(True, 1.0), (True, 1.0)], [(True, 0.0), (False, 0.0)]]
+    planner = WithoutMemory()
+    planner.reset(drive.context)
+    assert isinstance(planner._signs._memory, InSight)
