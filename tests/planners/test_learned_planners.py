@@ -31,18 +31,6 @@ def drive() -> Recorder:
 
 
 @pytest.mark.parametrize("make", BOTH)
-def test_a_decision_does_not_hang_on_its_batch(make: Make, drive: Recorder, tmp_path: Path) -> None:
-    planner = make(tmp_path)
-    planner.reset(drive.context)
-    seen = drive.seen[::HOLD_TICKS]
-    alone = [planner.act(o) for o in seen]
-    assert planner.act_batch(seen) == alone
-    assert planner.act_batch(seen[::-1])[::-1] == alone
-    assert planner.act_batch(seen[2:5]) == alone[2:5]
-    assert len({c.acceleration for c in alone}) > 1
-
-
-@pytest.mark.parametrize("make", BOTH)
 def test_an_action_holds(make: Make, drive: Recorder, tmp_path: Path) -> None:
     planner = make(tmp_path)
     planner.reset(drive.context)

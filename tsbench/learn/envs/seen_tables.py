@@ -73,6 +73,7 @@ ACTORS = ("there", "forward", "left", "cos", "sin", "speed", "length", "width", 
 OBSTACLES = ("there", "forward", "left", "cos", "sin", "length", "width")
 SIGNS = ("there", "forward", "left", "cos", "sin", "code", "value", *ADDRESSED, "outline", *MAIN_ROAD)
 OBJECT_ROWS = {"route": 20, "actors": 30, "obstacles": 8, "signs": 8}
+_COLUMNS = {"route": ROUTE_COLUMNS, "actors": ACTORS, "obstacles": OBSTACLES, "signs": SIGNS}
 
 _FAR_M = 1000.0
 _REACH = 1.0e4
@@ -93,8 +94,7 @@ class ObjectsSeen:
         self._codes = {code: k + 1 for k, code in enumerate(sign_codes())}
         self._outlines = {outline: k + 1 for k, outline in enumerate(OUTLINES)}
         self._addressed = AddressedLanes()
-        columns = {"route": ROUTE_COLUMNS, "actors": ACTORS, "obstacles": OBSTACLES, "signs": SIGNS}
-        shapes: dict[str, tuple[int, ...]] = {name: (OBJECT_ROWS[name], len(columns[name])) for name in columns}
+        shapes: dict[str, tuple[int, ...]] = {name: (rows, len(_COLUMNS[name])) for name, rows in OBJECT_ROWS.items()}
         self.space: spaces.Space[Any] = spaces.Dict(
             {
                 name: spaces.Box(-_REACH, _REACH, shape, np.float32)
@@ -119,40 +119,28 @@ class ObjectsSeen:
         line = o.route.path.line
         ahead = (line.point_at(min(o.route.s + k + 1.0, line.length)) for k in range(OBJECT_ROWS["route"]))
         boxes = zip(o.actors.boxes, o.actors.speed.tolist(), o.actors.kind.tolist(), strict=True)
+        bodies = ((1.0, *place(*b[:3]), v, b[3], b[4], float(kind)) for b, v, kind in boxes)
+        fixed = ((1.0, *place(t.x, t.y, t.heading), t.length, t.width) for t in o.obstacles)
+        plates = (
+            (
+                *(1.0, *place(p.x, p.y, p.heading), float(self._codes.get(p.code, 0)), p.value or 0.0),
+                *(*whose, float(self._outlines.get(p.outline, 0)), *main_road(p)),
+            )
+            for p, whose in zip(o.signs, self._addressed(o), strict=True)
+        )
         return {
             "ego": np.array(
                 (*state, min(o.route.remaining, _FAR_M), o.route.path.limit_at(o.route.s)), dtype=np.float32
             ),
             "route": np.array([place(x, y, 0.0)[:2] for x, y in ahead], dtype=np.float32),
-            "actors": _table(
-                "actors", len(ACTORS), ((1.0, *place(*b[:3]), v, b[3], b[4], float(kind)) for b, v, kind in boxes)
-            ),
-            "obstacles": _table(
-                "obstacles",
-                len(OBSTACLES),
-                ((1.0, *place(t.x, t.y, t.heading), t.length, t.width) for t in o.obstacles),
-            ),
-            "signs": _table(
-                "signs",
-                len(SIGNS),
-                (
-                    (
-                        1.0,
-                        *place(p.x, p.y, p.heading),
-                        float(self._codes.get(p.code, 0)),
-                        p.value or 0.0,
-                        *whose,
-                        float(self._outlines.get(p.outline, 0)),
-                        *main_road(p),
-                    )
-                    for p, whose in zip(o.signs, self._addressed(o), strict=True)
-                ),
-            ),
+            "actors": _table("actors", bodies),
+            "obstacles": _table("obstacles", fixed),
+            "signs": _table("signs", plates),
         }
 
 
-def _table(name: str, columns: int, rows: Iterable[Sequence[float]]) -> Table:
-    table = np.zeros((OBJECT_ROWS[name], columns), dtype=np.float32)
+def _table(name: str, rows: Iterable[Sequence[float]]) -> Table:
+    table = np.zeros((OBJECT_ROWS[name], len(_COLUMNS[name])), dtype=np.float32)
     nearest = sorted(rows, key=lambda row: math.hypot(row[1], row[2]))[: OBJECT_ROWS[name]]
     if nearest:
         table[: len(nearest)] = nearest

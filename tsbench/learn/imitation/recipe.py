@@ -1,4 +1,4 @@
-"""What a training by imitation is asked to be, and the rows that it learns from and is chosen by."""
+"""What a training by imitation is asked to be, the rows that it learns from and is chosen by, and closed-loop skill."""
 
 from __future__ import annotations
 

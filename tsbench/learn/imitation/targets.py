@@ -1,4 +1,4 @@
-"""What `plant2-ft` learns of an obedient drive: targets by rule, and which ticks are decisions.
+"""What `plant2-ft` learns of an obedient drive: whose it is, what is seen, targets by rule, which ticks are decisions.
 
 Source: docs/finetuning.md; where it says little, this is how it was read:
 * Path: the way that was driven, 20 m of it by metres (4 s at 5 m/s), never the route. The route that is seen is the

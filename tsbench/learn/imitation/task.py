@@ -1,4 +1,7 @@
-"""A training by imitation: which network learns what from which drives, and how it is judged."""
+"""A training by imitation: which network learns what from which drives, and how it is judged.
+
+Of `plant2` from nothing, and of `plant2-ft` from `plant2`'s weights. Source: docs/finetuning.md.
+"""
 
 from __future__ import annotations
 

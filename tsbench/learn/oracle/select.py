@@ -2,7 +2,8 @@
 
 Source: docs/oracle.md, "select". Of the experts without a network (the IDM kind) only the fastest counts; drives
 are ranked by the F-score of speed and comfort, Q = (1 + b^2) v s / (b^2 v + s) with b = 0.25. Beside the table of
-drives stand that of all tries and what they were made with.
+drives stand that of all tries and what they were made with. `stats` says what a table holds, `verify` whether it
+replays.
 """
 
 from __future__ import annotations
@@ -98,7 +99,13 @@ def select(folder: Path, path: Path, allow_partial: bool) -> Selected:
 
     Raises InputError: no collection, one that is not finished (unless `allow_partial`), or of other code or scenarios.
     """
-    rows = _check(folder, allow_partial)
+    data = DataSet.in_use()
+    manifest = read_collection(folder)
+    if manifest["status"] != "complete" and not allow_partial:
+        raise InputError(f"{folder}: its collection is not finished: run it again, or give --allow-partial")
+    if manifest["contract"] != basis(data):
+        raise InputError(f"{folder}: was collected with other rules or another SUMO: collect anew into another folder")
+    rows = {row.scenario_id: row for row in data.table(manifest["effective"]["split"])}
     tries = read_tries(folder)
     for one in tries:
         spec = rows.get(one["scenario_id"])
@@ -143,16 +150,6 @@ def _best(tries: Iterable[Row]) -> dict[str, list[tuple[Candidate, float]]]:
                 Candidate(row["planner"], row["kind"] == RULES, row["steps"], comfort, row)
             )
     return {scenario: rank(candidates) for scenario, candidates in sorted(found.items())}
-
-
-def _check(folder: Path, allow_partial: bool) -> dict[str, ScenarioSpec]:
-    data = DataSet.in_use()
-    manifest = read_collection(folder, "tsbench oracle collect makes one")
-    if manifest["status"] != "complete" and not allow_partial:
-        raise InputError(f"{folder}: its collection is not finished: run it again, or give --allow-partial")
-    if manifest["contract"] != basis(data):
-        raise InputError(f"{folder}: was collected with other rules or another SUMO: collect anew into another folder")
-    return {row.scenario_id: row for row in data.table(manifest["effective"]["split"])}
 
 
 def stats(path: Path, split: str) -> Analysis:

@@ -2,7 +2,7 @@
 
 Commands are whole numbers of small steps (`STEPS`), and the drive itself is driven with the rounded ones
 (`QuantisedPlanner`), so nothing is lost by storing them. The table keeps fingerprints of what was driven, which a
-replay must meet.
+replay must meet. `OracleRunner` drives one expert on one scenario until it obeys and arrives.
 Units: m/s2, rad.
 """
 

@@ -1,9 +1,14 @@
-"""`plant2`, blind to signs."""
+"""`plant2`, blind to signs; `plant2-ft`, which reads them; and `plant2-blind`, which has learned without them.
+
+The ways on that `plant2-ft` is shown lead to the destination, one by each exit of the junction ahead. The navigation
+shows the shortest way, also where a sign forbids it. Which of the others is permitted the signs say; which of them lead
+to the destination, and where their lanes lie, the road map says. Units: m, rad.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
@@ -76,6 +81,12 @@ def control(path: Array, speed: float, ego: EgoState, gains: Gains, driven: floa
 
 # Ticks that a plan is followed.
 HOLD_TICKS = 2
+_WINDOW_M = 15.0
+# A plan that is so much nearer to another way means that one: less is a wide or a cut corner.
+_MEANT_M = 1.0
+_MOST_REMAINING_M = 1000.0
+# A wait ends where it really goes: one that ended with the first centimetres would begin again from nothing.
+_GOES_MPS = 1.5
 
 
 class Plant2:
@@ -119,7 +130,7 @@ class Plant2:
         o = observation
         if self._plan is None or o.step % HOLD_TICKS == 0:
             self._plan, self._since = self.infer(self.encode(o))[0], o.ego
-            return self._decide(o, self._plan)
+            return control(self._plan["path"], self.target_speed(self._plan), o.ego, self._gains)
         then, c, s = self._since, math.cos(self._since.heading), math.sin(self._since.heading)
         along, left = self._plan["path"].astype(np.float64).T
         points = np.column_stack((c * along - s * left + then.x, s * along + c * left + then.y))
@@ -127,26 +138,12 @@ class Plant2:
         driven = math.hypot(o.ego.x - then.x, o.ego.y - then.y)
         return control(seen, self.target_speed(self._plan), o.ego, self._gains, driven)
 
-    def act_batch(self, observations: Sequence[Observation]) -> list[Control]:
-        """A fresh plan's command for each of several observations on the present roads; as it would be alone."""
-        plans = self.infer(np.concatenate([self.encode(o) for o in observations]))
-        return [self._decide(o, plan) for o, plan in zip(observations, plans, strict=True)]
-
     def encode(self, observation: Observation) -> Records:
         assert self._tokeniser is not None, "act before reset"
         return self._tokeniser.tokens(observation)
 
     def target_speed(self, plan: Record) -> float:
         return float(plan["speed"])
-
-    def _decide(self, observation: Observation, plan: Record) -> Control:
-        return control(plan["path"], self.target_speed(plan), observation.ego, self._gains)
-
-
-_WINDOW_M = 15.0
-# A plan that is so much nearer to another way means that one: less is a wide or a cut corner.
-_MEANT_M = 1.0
-_MOST_REMAINING_M = 1000.0
 
 
 @dataclass(slots=True, eq=False)
@@ -244,10 +241,6 @@ class RouteAlternatives:
         return end
 
 
-# A wait ends where it really goes: one that ended with the first centimetres would begin again from nothing.
-_GOES_MPS = 1.5
-
-
 class SignTokeniser:
     """Tokens with signs and ways on, for one episode: it remembers the sign that holds."""
 
@@ -293,10 +286,6 @@ class StopPolicy:
     rise: float = 0.02
     hold_s: float = 1.2
     brakes: float = 3.0
-
-    def stop_decision(self, standing: float, waited: float) -> bool:
-        """Does a plan with this share of standing halt after a wait of so many seconds?"""
-        return standing >= self.share + self.rise * max(waited - self.waits, 0.0)
 
 
 class Plant2Ft(Plant2):
@@ -352,7 +341,8 @@ class Plant2Ft(Plant2):
         return 0.0 if self._settling or self._stop_decision(plan) else super().target_speed(plan)
 
     def _stop_decision(self, plan: Record) -> bool:
-        return self._stop_policy.stop_decision(float(plan["standing"]), self._stood * DT_S)
+        policy = self._stop_policy
+        return float(plan["standing"]) >= policy.share + policy.rise * max(self._stood * DT_S - policy.waits, 0.0)
 
     def encode(self, observation: Observation) -> Records:
         record: Records = np.zeros(1, dtype=SIGN_TOKENS)
@@ -374,7 +364,3 @@ class Plant2Blind(Plant2Ft):
     def act(self, observation: Observation) -> Control:
         """As `Plant2Ft.act`, of what is seen without plates."""
         return super().act(masked(observation))
-
-    def encode(self, observation: Observation) -> Records:
-        """Masked here too: answers for several observations at once are asked for without `act`."""
-        return super().encode(masked(observation))

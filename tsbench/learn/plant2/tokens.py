@@ -1,7 +1,9 @@
-"""From an observation to the network's inputs. Sees no signs: masking them changes not one byte.
+"""The network's inputs as one NumPy record, and from an observation to them: what is stored for training is what is
+driven with. `Tokeniser` sees no signs: masking them changes not one byte.
 
-Among them a bird's-eye patch around the ego: drivable area, lane borders, route. The network is drawn once, north up;
-a tick cuts the turned rectangle out of it. Units: m, rad.
+Frame: the ego's centre, x ahead, y left; m, m/s, rad, divided by the scales below. Among the inputs is a bird's-eye
+patch around the ego: drivable area, lane borders, route. The network is drawn once, north up; a tick cuts the turned
+rectangle out of it.
 """
 
 from __future__ import annotations

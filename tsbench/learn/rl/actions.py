@@ -20,7 +20,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -217,11 +217,6 @@ class LearnedPlanner(ABC):
             first, second = self.infer(self.encode(observation))["action"][0].tolist()
             self._action = first, second
         return aim(*self._action, observation)
-
-    def act_batch(self, observations: Sequence[Observation]) -> list[Control]:
-        """A fresh decision for each of several observations on the present roads; each as it would be alone."""
-        actions = self.infer(np.concatenate([self.encode(o) for o in observations]))["action"].tolist()
-        return [aim(first, second, o) for (first, second), o in zip(actions, observations, strict=True)]
 
     def encode(self, observation: Observation) -> Records:
         """(1,) record of `inputs`."""

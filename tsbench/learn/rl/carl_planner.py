@@ -1,4 +1,15 @@
-"""`carl`: the raster through a small CNN; its Beta densities are drawn from. Sign-blind."""
+"""`carl`: a bird's-eye raster through a small CNN; its Beta densities are drawn from. Blind to signs.
+
+The raster has nine channels, 2 px/m, the ego's heading up. Source: docs/planners.md; Jaeger et al., "CaRL", arXiv
+2504.17838, whose raster is 256 x 256. Here it is 128 x 128: 48 m ahead, 16 m behind and 32 m to each side, which a CPU
+can learn from. The channels keep the reference's layout:
+
+0 drivable, 1 route, 2 lane lines, 3 lights (the maps have none), 4 stop signs (empty: no sign is seen), 5 speed limits
+(the road's own, 255 = 22.2 m/s), 6 vehicles (brighter when faster, with a trail of where a second takes them),
+7 pedestrians and static, 8 ego.
+
+What stands still is drawn once per network, the route once per path; each tick turns them with one warp.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,19 @@
-"""`ppo`: the vector through an MLP of 256 and 256 with tanh, whose Gaussian is drawn from. Sign-blind."""
+"""`ppo`: 275 numbers through an MLP of 256 and 256 with tanh, whose Gaussian is drawn from. Sign-blind.
+
+Source of the numbers: docs/planners.md. Parts and sizes are MetaDrive's (Li et al., arXiv 2109.12674), what is in them
+is not: that is `tsbench.bridges.metadrive.MetaDriveEyes`. All are about -1..1, float32:
+
+* 9 of the ego: speed, acceleration, steering, yaw rate, offset from the route, heading against it, room to the left and
+  to the right, speed that bends and the road's own limits allow
+* 10 of the navigation: four points of the route (forward, left) each over its distance ahead; way to go (over 100 m);
+  limit
+* 16 of neighbours: the four that come closest, the first obstacle among them: place (forward, left, over 50 m), speed
+  against the ego (over 20 m/s)
+* 240 of the lidar: distances over 50 m from the ego's centre, ray 0 ahead, counter-clockwise
+
+For the lidar everything is segments. A segment seen from the ego covers an interval of angles, so only the rays in it
+are cut: a few rays a segment instead of all rays with all segments. Units: m, rad.
+"""
 
 from __future__ import annotations
 
