@@ -85,14 +85,6 @@ def test_plans_do_not_hang_on_the_company(kind: Make) -> None:
                     assert plan.tobytes() == alone[k].tobytes()
 
 
-def test_same_company_of_equals_does_not_matter_either() -> None:
-    """The largest products there are."""
-    infer = engine(made(Plant2Network))
-    batch = np.repeat(samples(8, at.TOKENS)[1:2], 8)
-    plans = [infer(batch[:n])[-1] for n in range(1, 9)]
-    assert len({plan.tobytes() for plan in plans}) == 1
-
-
 @BOTH
 @pytest.mark.parametrize("size", ["mini", "medium"])
 def test_the_engine_plans_as_the_network_does(kind: type[Plant2Network], size: str) -> None:

@@ -13,7 +13,7 @@ import shapely
 from tsbench.core.errors import InputError
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.report.drawing.canvas import STYLE, Area, Body, Image, Line, Shape, camera_at, lane_area
-from tsbench.report.drawing.paint import paint, write
+from tsbench.report.drawing.paint import paint, paste, tile, write
 from tsbench.report.drawing.scene_shapes import ego_body
 from tsbench.sim.world import ActorKind
 
@@ -38,7 +38,8 @@ class View:
         for plate in o.signs:
             x, y = camera.px((plate.x, plate.y))[0].astype(int).tolist()
             value = "" if plate.value is None else f" {plate.value:g}"
-            write(picture, x + 8, y - 8, f"{plate.code or plate.outline or '?'}{value}", _TEXT_PX, STYLE.violation)
+            board = tile(f"{plate.code or plate.outline or '?'}{value}", _TEXT_PX, STYLE.outline, STYLE.marking)
+            paste(picture, x + 8, y - 8, board, np.full(board.shape[:2], 255, dtype=np.uint8))
         write(picture, 10, 10, f"{o.time:.1f} s  {3.6 * o.ego.speed:.0f} km/h", _TEXT_PX, STYLE.outline)
         return picture
 
