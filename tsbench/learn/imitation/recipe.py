@@ -31,6 +31,11 @@ from tsbench.scenarios.spec import ScenarioSpec
 _VALIDATION_SHARE = 12
 # Drives of a type that is asked for more of, in each turn.
 _MORE = 3
+# Takeovers are drawn from this many ticks on, up to so many: from the start to a little behind most signs' lines.
+_TAKEOVER_TICKS = (5, 120)
+_PART = "train"
+# Whose weights can be measured, by name.
+MEASURED: Mapping[str, type[Plant2]] = {kind.weights: kind for kind in (Plant2, Plant2Ft, Plant2Blind)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,7 +67,7 @@ class TrainingRecipe:
 
 @dataclass(frozen=True, kw_only=True)
 class ImitationRecipe(TrainingRecipe):
-    """`plant2`'s. size: a name of `sizes.SIZES`; episodes: drives to learn from, in turn over types and drivers."""
+    """`plant2`'s. size: a name of `tokens.SIZES`; episodes: drives to learn from, in turn over types and drivers."""
 
     size: str = "mini"
     episodes: int = 4000
@@ -119,11 +124,6 @@ def in_turn(
         for row in pair
     ]
     return turns[:count]
-
-
-# Takeovers are drawn from this many ticks on, up to so many: from the start to a little behind most signs' lines.
-_TAKEOVER_TICKS = (5, 120)
-_PART = "train"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -250,10 +250,6 @@ def _recorded(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[EpisodeD
         if place in wanted
     }
     return [found[place] for place in places]
-
-
-# Whose weights can be measured, by name.
-MEASURED: Mapping[str, type[Plant2]] = {kind.weights: kind for kind in (Plant2, Plant2Ft, Plant2Blind)}
 
 
 class End(NamedTuple):

@@ -238,7 +238,7 @@ class Handover:
         return expert if observation.step >= self._tick else self._student.act(replace(observation, truth=None))
 
 
-# No forecasts: fine-tuning has no loss for them. family: of `finetune_targets.FAMILIES`; type: of the catalogue's.
+# No forecasts: fine-tuning has no loss for them. family: of `FAMILIES`; type: of the catalogue's.
 SIGN_FRAME = np.dtype(
     [
         *((name, at.SIGN_TOKENS[name]) for name in at.SIGN_TOKENS.names or ()),

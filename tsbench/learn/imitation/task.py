@@ -32,6 +32,8 @@ from tsbench.scenarios.spec import ScenarioSpec
 Integers = npt.NDArray[np.intp]
 
 _SORTED_BATCHES = 16
+# Of compliance in the score: less than an episode more or less of any validation.
+_TIE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -91,10 +93,6 @@ def batches_of(frames: Records, order: Integers, size: int) -> list[Integers]:
         starts = np.argsort(group[: len(group) // size * size : size])
         batches += [ranked[k * size : (k + 1) * size] for k in starts]
     return batches
-
-
-# Of compliance in the score: less than an episode more or less of any validation.
-_TIE = 1e-6
 
 
 def fine_tuning(recipe: FineTuning, rows: Sequence[ScenarioSpec]) -> ImitationTask:

@@ -57,6 +57,8 @@ _PLACES_IN_M = 1e4
 _DIGEST_BYTES = 8
 _DRIVES_AT_ONCE = 256
 _RETRY_KEY = 0x0A
+# What is kept of a try; None where the drive broke off. steps: ticks; comfort: share; mean_speed: m/s.
+FIGURES = ("compliant", "engaged", "steps", "comfort", "mean_speed", "ego", "others")
 
 _FLAT = ("scenario_id", "planner", "attempt", "part", "rank", "quality", "comfort")
 _SERIES = pa.list_(pa.field("element", pa.int16(), nullable=False))
@@ -276,10 +278,6 @@ def difference(recorded: Recorded, spec: ScenarioSpec, facts: EpisodeFacts | Non
     if ego != recorded.ego:
         return "the ego was elsewhere"
     return "" if others == recorded.others else "other road users were elsewhere"
-
-
-# What is kept of a try; None where the drive broke off. steps: ticks; comfort: share; mean_speed: m/s.
-FIGURES = ("compliant", "engaged", "steps", "comfort", "mean_speed", "ego", "others")
 
 
 @dataclass(frozen=True)

@@ -182,7 +182,7 @@ class Plant2Network(nn.Module):
         return torch.cat([*front, objects], dim=1), torch.cat([seen, kinds == at.EMPTY], dim=1)
 
     def forward(self, tokens: Mapping[str, Tensor], forecast: bool = True) -> NetworkPlan:
-        """The plan for a batch of `layout.TOKENS` as tensors; the last slots of objects may be left out."""
+        """The plan for a batch of `tokens.TOKENS` as tensors; the last slots of objects may be left out."""
         x = self.encode(*self.embed(tokens))
         plan = self.plan(x)
         return replace(plan, forecast=self.forecast(x, tokens["objects"].shape[1])) if forecast else plan
@@ -205,7 +205,7 @@ class Plant2Network(nn.Module):
 class Plant2FtNetwork(Plant2Network):
     """With tokens for signs, those that hold, ways on and the speed, whose head gives the target speed.
 
-    Inputs: `layout.SIGN_TOKENS`. classes: how many codes its vocabulary of signs has.
+    Inputs: `tokens.SIGN_TOKENS`. classes: how many codes its vocabulary of signs has.
     """
 
     def __init__(self, size: str, classes: int) -> None:

@@ -260,7 +260,7 @@ class SignTokeniser:
         self.ways.watch(o)
 
     def fill(self, record: Record, o: Observation, pose: Pose | None = None) -> list[int]:
-        """As `Tokeniser.fill`, into a record with the fields of `layout.SIGN_TOKENS`; after `watch`."""
+        """As `Tokeniser.fill`, into a record with the fields of `tokens.SIGN_TOKENS`; after `watch`."""
         origins = self._tokeniser.fill(record, o, pose)
         here = (o.ego.x, o.ego.y, o.ego.heading) if pose is None else pose
         order = self._tokeniser.network.lanes[o.ego.lane].order if o.ego.lane >= 0 else 0

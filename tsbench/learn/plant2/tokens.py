@@ -226,7 +226,7 @@ class Tokeniser:
         self._patches = Patches(network)
 
     def tokens(self, o: Observation, pose: Pose | None = None) -> Records:
-        """(1,) of `layout.TOKENS`; `pose`: as seen from there and not from where the ego is."""
+        """(1,) of `tokens.TOKENS`; `pose`: as seen from there and not from where the ego is."""
         record: Records = np.zeros(1, dtype=TOKENS)
         self.fill(record[0], o, pose)
         return record
@@ -235,7 +235,7 @@ class Tokeniser:
         """Called for every tick: there is nothing to remember."""
 
     def fill(self, record: Record, o: Observation, pose: Pose | None = None) -> list[int]:
-        """Write the tokens into a zeroed record that has the fields of `layout.TOKENS`.
+        """Write the tokens into a zeroed record that has the fields of `tokens.TOKENS`.
 
         Returns for each filled slot the object's row in `o.actors` (-1: an obstacle).
         """

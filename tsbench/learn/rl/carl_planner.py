@@ -125,7 +125,7 @@ class RasterEncoder:
         return self.raster(observation), self.measure(observation)
 
     def measure(self, o: Observation) -> Measured:
-        """Motion 4, route 2, pace 3 (`networks.shared_inputs`), and how far left the route is 14 m on."""
+        """Motion 4, route 2, pace 3 (`shared_inputs`), and how far left the route is 14 m on."""
         numbers = (*motion(o), *on_route(o), *pace(o, self._speed), ahead(o, _AHEAD_M)[1])
         return np.array(numbers, dtype=np.float32)
 
@@ -180,7 +180,6 @@ def _corners(box: Box, x: float, y: float, c: float, s: float) -> npt.NDArray[np
     ).astype(np.int32)
 
 
-_FULL = 255
 # Measurements are about -1..1; what is beyond is cut, which bounds all that follows.
 _MOST = 8.0
 _STRIDES = (4, 2, 2)
