@@ -115,7 +115,7 @@ MINE = '''"""plant2-ft with weights of its own: `plant2-ft.safetensors` and `pla
 
 from pathlib import Path
 
-from tsbench.learn.plant2.planner_ft import Plant2Ft
+from tsbench.learn.plant2.plant2_planner import Plant2Ft
 
 
 class Mine(Plant2Ft):

@@ -20,7 +20,7 @@ from tsbench.bridges.sb3.sb3_planner import Sb3Planner, _loaded
 from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.learn.envs.encoders import KINDS
+from tsbench.learn.envs.seen_tables import KINDS
 from tsbench.planners.registry import resolve
 from tsbench.run.planner_info import describe
 from tsbench.scenarios.data_set import DataSet

@@ -7,8 +7,12 @@ import subprocess
 import sys
 import threading
 import time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
-from tsbench.core.machine import children_of, processor_s, resident_below_mb, resident_mb
+import pytest
+
+from tsbench.core.machine import children_of, one_thread_each, processor_s, resident_below_mb, resident_mb
 
 # Starts a process that ends at once, waits for it, and so on.
 RESTLESS = """
@@ -65,3 +69,13 @@ def test_children_that_end_while_somebody_looks_stop_nobody() -> None:
     finally:
         restless.kill()
         restless.wait()
+
+
+def test_they_have_one_thread_and_the_training_keeps_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OMP_NUM_THREADS", "7")
+    monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+    with one_thread_each(), ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        told = [pool.submit(os.getenv, f"{name}_NUM_THREADS").result() for name in ("OMP", "OPENBLAS")]
+    assert told == ["1", "1"]
+    assert os.environ["OMP_NUM_THREADS"] == "7"
+    assert "OPENBLAS_NUM_THREADS" not in os.environ

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from planner_loop import Body, World, cones, constant, load
 
-from tsbench.learn.ppo.vector import SIZE
+from tsbench.learn.rl.ppo_planner import SIZE
 from tsbench.planners.base import Control, Observation, PlannerContext, SignView
 from tsbench.planners.lane_change import pursue_route
 from tsbench.planners.weights import Tensors, save_weights
@@ -75,7 +75,7 @@ def save_ppo(folder: Path) -> Path:
 def save_carl(folder: Path) -> Path:
     import torch
 
-    from tsbench.learn.carl.carl_network import CarlActor
+    from tsbench.learn.rl.policy import CarlActor
 
     torch.manual_seed(0)
     save_weights("carl", folder, {k: v.numpy() for k, v in CarlActor().state_dict().items()}, {})

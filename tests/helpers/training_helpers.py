@@ -1,16 +1,17 @@
-"""What tests of trainings share: weights that have learned nothing, and a training that is broken off."""
+"""What tests of trainings share: weights that have learned nothing, and frames of straight driving."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
 
-import pytest
+import numpy as np
 import torch
 
-from tsbench.learn.imitation.trainer import Trainer
-from tsbench.learn.plant2.planner_ft import Plant2Blind
+from tsbench.learn.imitation.frames_store import TrainingResources
+from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.plant2_network import Plant2FtNetwork, Plant2Network
+from tsbench.learn.plant2.plant2_planner import Plant2Blind
 from tsbench.learn.plant2.sign_tokens import READER, Vocabulary, vocabulary_of
 from tsbench.planners.weights import save_weights
 
@@ -38,17 +39,24 @@ def fresh_weights(folder: Path, name: str, kind: Callable[[str], Plant2Network])
     return folder
 
 
-def break_off(monkeypatch: pytest.MonkeyPatch, training: Callable[[], object]) -> None:
-    """Run a training that is interrupted in its fourth window."""
-    window, calls = Trainer._window, []
+def straight_frames(count: int, dtype: np.dtype, seed: int = 0) -> at.Records:
+    """Frames of straight driving among a few cars."""
+    rng = np.random.default_rng(seed)
+    frames: at.Records = np.zeros(count, dtype=dtype)
+    for k in range(count):
+        n = int(rng.integers(0, 12))
+        frames["kinds"][k, :n] = at.CAR
+        frames["objects"][k, :n] = rng.normal(size=(n, at.OBJECT_FEATURES))
+    frames["path"][..., 0] = np.arange(1, 21)
+    frames["path_known"] = 1
+    frames["route"] = frames["path"] / at.POSITION_SCALE_M
+    return frames
 
-    def breaks(self: Trainer, *arguments: object) -> None:
-        calls.append(arguments)
-        if len(calls) == 4:
-            raise KeyboardInterrupt
-        window(self, *arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(Trainer, "_window", breaks)
-    with pytest.raises(KeyboardInterrupt):
-        training()
-    monkeypatch.setattr(Trainer, "_window", window)
+def store_frames(place: TrainingResources, plan: str, chunks: list[at.Records]) -> TrainingResources:
+    """Where a training finds its frames made already."""
+    folder = place.out / "frames" / plan
+    folder.mkdir(parents=True, exist_ok=True)
+    for number, frames in enumerate(chunks):
+        np.save(folder / f"chunk-{number:05d}.npy", frames)
+    return place

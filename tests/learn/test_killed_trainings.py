@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from patience import HANG_S
 
+from tsbench.learn.checkpoint import command_line
 from tsbench.learn.learning_curve import read_rows
 from tsbench.planners.weights import load_weights, network
 
@@ -60,3 +61,10 @@ def test_imitation_comes_to_the_weights_of_an_undisturbed_one(tmp_path: Path) ->
     assert [row["epoch"] for row in read_rows(broken / "curve.jsonl")] == [1, 2]
     assert all((folder / "curve.png").is_file() for folder in (whole, broken))
     assert network("plant2", broken).training["sessions"] == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("program", ["/somewhere/bin/tsbench", "/somewhere/tsbench/__main__.py"])
+def test_a_command_is_the_same_however_tsbench_was_started(program: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", [program, "train", "plant2", "--seed", "1"])
+    assert command_line() == "tsbench train plant2 --seed 1"

@@ -22,10 +22,6 @@ def simulation() -> Iterator[Simulation]:
     made.close()
 
 
-def test_there_are_some() -> None:
-    assert "ppo" in BLIND
-
-
 @pytest.mark.parametrize("name", BLIND)
 def test_masked_signs_change_nothing(name: str, simulation: Simulation) -> None:
     row = next(r for r in DataSet.in_use().table("test") if r.scenario_type == "yield" and r.density > 0)

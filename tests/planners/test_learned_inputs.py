@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from learned_scenes import SPEED, Recorder, record, with_signs
 
-from tsbench.learn.carl.raster import DRIVABLE, EGO, LIGHTS, LIMITS, OTHERS, ROUTE, STOPS, VEHICLES, RasterEncoder
-from tsbench.learn.ppo import vector
-from tsbench.learn.ppo.vector import SIZE, VectorEncoder
+from tsbench.learn.rl.carl_planner import DRIVABLE, EGO, LIGHTS, LIMITS, OTHERS, ROUTE, STOPS, VEHICLES, RasterEncoder
+from tsbench.learn.rl.ppo_planner import NEIGHBOURS, RAYS, SIZE, VectorEncoder
 from tsbench.planners.base import Observation
 
 
@@ -50,7 +49,7 @@ def test_the_vector_has_its_layout(drive: Recorder, vectors: VectorEncoder) -> N
     # The leader's front is 25 m ahead of the ego's centre, and has moved for one tick.
     assert 50.0 * v[SIZE - 240] == pytest.approx(25.8 - 4.5, abs=0.05)
     # The walker comes closest soonest, then the first of the cones, then the leader, who keeps his distance.
-    walker, cone, leader, nobody = v[vector.EGO + vector.NAVIGATION :][:16].reshape(4, 4)
+    walker, cone, leader, nobody = v[-RAYS - NEIGHBOURS : -RAYS].reshape(4, 4)
     assert 50.0 * walker[0] == pytest.approx(15.0 - 0.2, abs=0.05)
     assert 50.0 * walker[1] == pytest.approx(-4.0, abs=0.05)
     assert 20.0 * walker[2] == pytest.approx(-SPEED, abs=0.05)

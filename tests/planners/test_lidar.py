@@ -11,7 +11,7 @@ from planner_loop import load
 
 from tsbench.geometry.footprint import corners
 from tsbench.geometry.polyline import Array
-from tsbench.learn.ppo.vector import RAYS, REACH_M, Lidar, _cast, _outlines, road_area, road_edges
+from tsbench.learn.rl.ppo_planner import RAYS, REACH_M, Lidar, _cast, _outlines, road_area, road_edges
 
 
 def brute(lines: list[shapely.LineString], x: float, y: float, heading: float) -> Array:

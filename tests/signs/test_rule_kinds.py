@@ -8,7 +8,7 @@ import pytest
 
 from tsbench.core.errors import InputError
 from tsbench.core.extras import import_all
-from tsbench.learn.finetune.targets import TARGET_SPECS
+from tsbench.learn.imitation.targets import TARGET_SPECS
 from tsbench.planners.experts.expert import CONSTRAINTS
 from tsbench.planners.experts.rules.constraint import RuleConstraint
 from tsbench.report.drawing.scene_shapes import rule_zone

@@ -24,9 +24,9 @@ from tsbench.core.errors import InputError
 from tsbench.geometry.angles import wrap
 from tsbench.geometry.elementary import exp
 from tsbench.geometry.polyline import Array
-from tsbench.learn.networks.fixed_point import Linear, snap, tanh
-from tsbench.learn.ppo.vector import REACH_M, Lidar
+from tsbench.learn.fixed_point import Linear, snap, tanh
 from tsbench.learn.rl.actions import normal_quantile
+from tsbench.learn.rl.ppo_planner import REACH_M, Lidar
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.roads.road_map import MapLane, RoadMap
 from tsbench.sim.ego import MAX_STEER_RAD

@@ -17,8 +17,8 @@ from tsbench.core.streams import progress_console
 from tsbench.learn.oracle.collect import LEAST_LEARNED_VARIANTS, TRIES, Collected, CollectOptions, experts
 from tsbench.learn.oracle.collect import collect as collect_drives
 from tsbench.learn.oracle.select import select as select_drives
-from tsbench.learn.oracle.stats import stats as stats_of
-from tsbench.learn.oracle.stats import verify as verify_drives
+from tsbench.learn.oracle.select import stats as stats_of
+from tsbench.learn.oracle.select import verify as verify_drives
 from tsbench.learn.oracle.trajectories import trajectories_path
 from tsbench.run.plan import Request
 from tsbench.run.run_progress import ProgressWatcher
@@ -62,7 +62,7 @@ def collect(
     Exit codes: 0 complete, 1 with drives that broke off, 2 wrong usage or bad input, 130 interrupted.
     """
     request = Request(planners or experts(), split, types, limit, variants)
-    asked = CollectOptions(request, tries=tries, **others)
+    asked = CollectOptions(request=request, tries=tries, **others)
     found = collect_drives(asked, ProgressWatcher(progress_console()))
     _tell(found, tries)
     if not found.complete:

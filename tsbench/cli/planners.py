@@ -55,8 +55,8 @@ def _print_parts() -> None:
     from tsbench.learn.plant2.plant2_network import parts  # brings torch
 
     rows = [
-        (large.name, f"{small.parameters:,}", f"{large.parameters:,}", large.published or "-")
-        for small, large in zip(parts("mini"), parts("medium"), strict=True)
+        (name, f"{small:,}", f"{large:,}", published or "-")
+        for (_, small, _), (name, large, published) in zip(parts("mini"), parts("medium"), strict=True)
     ]
     print_table(("part", "mini", "medium", "published (medium)"), rows)
 

@@ -19,12 +19,17 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
 from tsbench.core.machine import own_cores
 from tsbench.episode.perception_level import load_level
-from tsbench.learn.finetune.recipe import FineTuning, finetune_drives
 from tsbench.learn.imitation.frames_store import TrainingResources
-from tsbench.learn.imitation.recipe import ImitationRecipe, validation_rows
-from tsbench.learn.imitation.skill import drive, skill_of
+from tsbench.learn.imitation.recipe import (
+    FineTuning,
+    ImitationRecipe,
+    drive,
+    finetune_drives,
+    skill_of,
+    validation_rows,
+)
 from tsbench.learn.oracle.trajectories import trajectories_path
-from tsbench.learn.plant2.planner_ft import StopPolicy
+from tsbench.learn.plant2.plant2_planner import StopPolicy
 from tsbench.metrics.intervals import share_ends
 from tsbench.planners.floor.codes import Plate
 from tsbench.planners.weights import Network, network
@@ -189,7 +194,7 @@ def plant2_ft(device: str, workers: int, cache_gb: float, out: Path, **asked: An
 
     With --mask-signs they are plant2-blind.safetensors and plant2-blind.json.
     """
-    from tsbench.learn.finetune.task import fine_tuning  # brings torch
+    from tsbench.learn.imitation.task import fine_tuning  # brings torch
 
     recipe, rows = _recipe(**asked)
     _learn(fine_tuning(recipe, rows), out, device, workers, cache_gb)
@@ -199,7 +204,7 @@ def plant2_ft(device: str, workers: int, cache_gb: float, out: Path, **asked: An
 @_lessons(drives=290, out="runs/frames")
 def frames(workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
     """What plant2-ft is shown: counts, targets, and ten frames of each group as pictures."""
-    from tsbench.learn.finetune.drives_report import report
+    from tsbench.learn.imitation.drives_report import report
 
     recipe, rows = _recipe(**asked)
     for path in report(finetune_drives(rows, recipe), recipe, _resources(out, "cpu", workers, cache_gb), click.echo):

@@ -58,43 +58,29 @@ def load_checkpoint(out: Path, net: nn.Module, optimiser: Optimizer, job: Mappin
     try:
         with safe_open(path, "pt") as file:
             facts: dict[str, Any] = json.loads(file.metadata()["facts"])
-        _check(path, facts, job)
+        if facts["schema_version"] != SCHEMA_VERSION:
+            raise InputError(f"{path}: schema version {facts['schema_version']}, expected {SCHEMA_VERSION}")
+        for key, value in job.items():
+            old = facts["job"].get(key)
+            if old != value:
+                raise InputError(f"{path}: is of a training with {key} {old}, not {value}: take another --out")
         tensors = load_file(path)
         with torch.no_grad():
             for name, parameter in net.named_parameters():
                 parameter.copy_(tensors[f"{_NET}{name}"])
-        _load_optimiser(optimiser, tensors)
+        state: dict[int, Tensors] = {}
+        for key, tensor in tensors.items():
+            if key.startswith(_ADAM):
+                _, index, name = key.split(".")
+                state.setdefault(int(index), {})[name] = tensor
+        # Rates and the like stay those of the fresh optimiser.
+        optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
         torch.set_rng_state(tensors[_GENERATOR])
         progress: dict[str, Any] = facts["progress"]
     except (SafetensorError, KeyError, ValueError, RuntimeError, TypeError) as error:
         problem = " ".join(str(error).split())[:200]
         raise InputError(f"{path}: is no checkpoint of this training ({problem})") from None
     return progress
-
-
-def _check(path: Path, facts: Mapping[str, Any], job: Mapping[str, Any]) -> None:
-    if facts["schema_version"] != SCHEMA_VERSION:
-        raise InputError(f"{path}: schema version {facts['schema_version']}, expected {SCHEMA_VERSION}")
-    for key, value in job.items():
-        old = facts["job"].get(key)
-        if old != value:
-            raise InputError(f"{path}: is of a training with {key} {old}, not {value}: take another --out")
-
-
-def _load_optimiser(optimiser: Optimizer, tensors: Tensors) -> None:
-    """Rates and the like stay those of the fresh optimiser."""
-    state: dict[int, Tensors] = {}
-    for key, value in tensors.items():
-        if key.startswith(_ADAM):
-            _, index, name = key.split(".")
-            state.setdefault(int(index), {})[name] = value
-    optimiser.load_state_dict({"state": state, "param_groups": optimiser.state_dict()["param_groups"]})
-
-
-# Of malloc.h (glibc).
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
-_NEVER = 2**31 - 1
-_LARGEST = 2**30
 
 
 def keep_freed_memory() -> None:
@@ -105,8 +91,9 @@ def keep_freed_memory() -> None:
     """
     libc = ctypes.CDLL(None)
     if hasattr(libc, "mallopt"):
-        libc.mallopt(_M_MMAP_THRESHOLD, _LARGEST)
-        libc.mallopt(_M_TRIM_THRESHOLD, _NEVER)
+        # Of malloc.h: M_MMAP_THRESHOLD, M_TRIM_THRESHOLD.
+        libc.mallopt(-3, 2**30)
+        libc.mallopt(-1, 2**31 - 1)
 
 
 def prepare(out: Path, device: str, threads: int) -> None:

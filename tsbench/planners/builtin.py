@@ -12,16 +12,18 @@ IDM = PlannerEntry("tsbench.planners.idm:Idm", kind="rules", sign_access=False)
 IDM_S1, IDM_S2, IDM_S3, IDM_S4 = (
     PlannerEntry(f"tsbench.planners.styles:IdmS{style}", kind="rules", sign_access=False) for style in (1, 2, 3, 4)
 )
-PPO = learned("ppo", "tsbench.learn.ppo.ppo_planner:Ppo")
-CARL = learned("carl", "tsbench.learn.carl.carl_planner:Carl")
+PPO = learned("ppo", "tsbench.learn.rl.ppo_planner:Ppo")
+CARL = learned("carl", "tsbench.learn.rl.carl_planner:Carl")
 PLANT2 = learned("plant2", "tsbench.learn.plant2.plant2_planner:Plant2")
-PLANT2_FT = learned("plant2-ft", "tsbench.learn.plant2.planner_ft:Plant2Ft", sign_access=True, chooses_route=True)
+PLANT2_FT = learned("plant2-ft", "tsbench.learn.plant2.plant2_planner:Plant2Ft", sign_access=True, chooses_route=True)
 BLIND, COIN = (
     PlannerEntry(f"tsbench.planners.floor.blind:{name}", "floor", sign_access=False, chooses_route=True, floor=True)
     for name in ("Blind", "Coin")
 )
 CODES = PlannerEntry("tsbench.planners.floor.codes:Codes", "floor", chooses_route=True, floor=True)
-PLANT2_BLIND = learned("plant2-blind", "tsbench.learn.plant2.planner_ft:Plant2Blind", chooses_route=True, floor=True)
+PLANT2_BLIND = learned(
+    "plant2-blind", "tsbench.learn.plant2.plant2_planner:Plant2Blind", chooses_route=True, floor=True
+)
 PLANT2_FT_SEED1 = learned(
     "plant2-ft-seed1", "tsbench.learn.plant2.ablations:SecondSeed", sign_access=True, chooses_route=True
 )

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import inspect
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -43,7 +41,7 @@ def check_statically(loaded: LoadedPlanner) -> list[Finding]:
     if loaded.privileged:
         text = "asks for the target rule (privileged = True): its results are flagged as an expert's"
         found.append(Finding(Level.NOTE, "privilege", text))
-    return found + _shared_state(planner) + _batch(planner)
+    return found + _shared_state(planner)
 
 
 def _start(seconds: float) -> Finding:
@@ -71,14 +69,3 @@ def _shared_state(planner: Planner) -> list[Finding]:
         )
         for name in shared
     ]
-
-
-def _batch(planner: Planner) -> list[Finding]:
-    batch: Callable[..., object] | None = getattr(planner, "act_batch", None)
-    if batch is None:
-        return []
-    try:
-        inspect.signature(batch).bind([])
-    except TypeError:
-        return [Finding(Level.PROBLEM, "batch", "act_batch must take one argument (a list of observations)")]
-    return [Finding(Level.OK, "batch", "has act_batch")]

@@ -8,11 +8,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.wrappers import RenderCollection
 
+from tsbench.core.errors import InputError
 from tsbench.learn.envs import DRIVE, MAX_STEPS
 from tsbench.learn.envs.drive_env import DriveEnv
-from tsbench.learn.envs.encoders import cruise
-from tsbench.learn.rl.actions import accelerate, aim
+from tsbench.learn.envs.view import SIZE_PX
+from tsbench.learn.rl.actions import accelerate, aim, cruise
+from tsbench.report.drawing.canvas import STYLE
 
 
 def drive(env: DriveEnv, turn: float) -> dict[str, Any]:
@@ -61,21 +64,12 @@ def test_with_the_navigations_own_turn_it_is_aim() -> None:
 def test_the_exits_are_from_right_to_left() -> None:
     env = DriveEnv(split="dev", types="direction_straight", action="exit")
     env.reset(seed=0)
-    assert env._exit is not None
     o = env.episode.observation
-    exits = env._exit.exits(o.route.path.edges[0])
+    exits = env._act.exits(o.route.path.edges[0])
     assert o.route.path.edges[1] in exits
-    turns = [env._exit._turn(o.route.path.edges[0], onward) for onward in exits]
+    turns = [env._act._turn(o.route.path.edges[0], onward) for onward in exits]
     assert turns == sorted(turns)
     assert len(exits) > 1
-    env.close()
-
-
-def test_the_registration_bounds_an_episode() -> None:
-    spec = gymnasium.spec(DRIVE)
-    assert spec.max_episode_steps == MAX_STEPS
-    env = DriveEnv(split="dev")
-    assert max(row.horizon for row in env._rows) < MAX_STEPS
     env.close()
 
 
@@ -97,3 +91,50 @@ def test_an_unchanging_number_keeps_a_speed() -> None:
     assert cruise(0.0, 0.5, last).steering == aim(0.0, 0.5, last).steering
     stands = replace(last, ego=replace(last.ego, speed=0.0))
     assert cruise(-1.0, 0.0, stands).acceleration == 0.0
+
+
+ONWARD = np.array([0.2, 0.0], dtype=np.float32)
+
+
+def test_the_ego_is_in_the_middle_and_the_road_goes_by() -> None:
+    env = DriveEnv(split="dev", types="speed_limit", render_mode="rgb_array")
+    env.reset(options={"half": "signed"}, seed=0)
+    first = env.render()
+    assert first.shape == (SIZE_PX, SIZE_PX, 3)
+    assert first.dtype == np.uint8
+    middle = first[SIZE_PX // 2 - 4 : SIZE_PX // 2 + 5, SIZE_PX // 2 - 4 : SIZE_PX // 2 + 5].reshape(-1, 3)
+    assert (middle == STYLE.ego).all(axis=1).mean() > 0.5
+    for _ in range(10):
+        env.step(ONWARD)
+    assert (env.render() != first).mean() > 0.02
+    env.close()
+
+
+def test_wrappers_collect_its_frames() -> None:
+    asked = {"split": "dev", "types": "detour_right", "action": "aim", "render_mode": "rgb_array"}
+    env = RenderCollection(gymnasium.make(DRIVE, **asked))
+    env.reset(seed=0)
+    for _ in range(10):
+        env.step(ONWARD)
+    frames = env.render()
+    assert len(frames) == 11
+    assert all(frame.shape == (SIZE_PX, SIZE_PX, 3) for frame in frames)
+    env.close()
+
+
+def test_what_cannot_be_rendered_is_said() -> None:
+    with pytest.raises(InputError, match=r"render_mode 'ansi': expected rgb_array \| human"):
+        DriveEnv(split="dev", render_mode="ansi")
+    env = DriveEnv(split="dev")
+    env.reset(seed=0)
+    with pytest.raises(gymnasium.error.ResetNeeded, match="give render_mode"):
+        env.render()
+    env.close()
+
+
+def test_without_a_screen_a_window_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("matplotlib.pyplot.get_backend", lambda: "agg")
+    env = DriveEnv(split="dev", render_mode="human")
+    with pytest.raises(InputError, match="take 'rgb_array'"):
+        env.reset(seed=0)
+    env.close()

@@ -15,11 +15,11 @@ import pytest
 from tsbench.core.errors import InputError
 from tsbench.learn.envs import GROUPS
 from tsbench.learn.envs.drive_env import DriveEnv
-from tsbench.learn.envs.encoders import KINDS
 from tsbench.learn.envs.reward import RewardSpec
 from tsbench.learn.envs.seen_tables import (
     ADDRESSED,
     FAR_M,
+    KINDS,
     LANE,
     PLATE,
     POINTS,
@@ -157,12 +157,17 @@ def fast(reward: object = None) -> tuple[list[float], list[dict[str, object]]]:
 
 
 def test_plates_and_ways_are_told_and_masked_plates_are_not() -> None:
-    seen = {}
-    for mask in (False, True):
-        made = DriveEnv(split="dev", types="speed", observation="scene", mask_signs=mask)
-        seen[mask] = made.reset(options={"scenario": min(made._by_id)})[0]
+    def first(kind: str, mask: bool) -> dict[str, np.ndarray]:
+        made = DriveEnv(split="dev", types="speed", observation=kind, mask_signs=mask)
+        seen: dict[str, np.ndarray] = made.reset(options={"scenario": min(made._by_id)})[0]
         made.close()
-    shown, hidden = seen[False], seen[True]
+        return seen
+
+    one, other = (first("objects", mask)["signs"] for mask in (False, True))
+    assert one[0, 0] == other[0, 0] == 1.0
+    assert one[:, 5].any()
+    assert not other[:, 5:].any()
+    shown, hidden = (first("scene", mask) for mask in (False, True))
     there = shown["plates_mask"] > 0
     assert there.any()
     assert (shown["plates"][there, 4 + len(PLATE) :].sum(axis=1) == 1.0).all()
@@ -221,11 +226,3 @@ def test_groups_have_ids() -> None:
         assert made.action_space.shape == (3,)
         before = gymnasium.make(gymnasium.spec(name.replace("v1", "v0")), split="dev")
         assert (before.observation_space.shape, before.action_space.shape) == ((275,), (2,))
-
-
-def test_the_default_of_make_vec_is_refused_with_the_way_out() -> None:
-    envs = gymnasium.make_vec("tsbench/Speed-v1", num_envs=2, vectorization_mode="sync", split="dev")
-    envs.reset(seed=1)
-    with pytest.raises(gymnasium.error.ResetNeeded, match='vectorization_mode="async"'):
-        envs.step(np.zeros((2, 3), dtype=np.float32))
-    envs.close()

@@ -26,7 +26,7 @@ from tsbench.learn.imitation.frames import (
     observations,
 )
 from tsbench.learn.imitation.frames_store import FrameStore, ImitationSource, TrainingResources, make_chunk, plan_hash
-from tsbench.learn.plant2 import layout as at
+from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.tokens import Tokeniser
 from tsbench.planners.registry import resolve
 from tsbench.scenarios.data_set import DataSet
@@ -53,7 +53,6 @@ def drive(row: ScenarioSpec) -> tuple[EpisodeResult, Roads]:
 
 def frames(drive: tuple[EpisodeResult, Roads], sampling: Sampling) -> at.Records:
     result, roads = drive
-    assert result.facts is not None
     driven, tokeniser = DriveResult(result.facts, roads), Tokeniser(roads.view.map)
     teacher = Imitated(driven, sampling)
     return frames_of(driven, tokeniser, teacher, sampling, np.random.default_rng(1), FRAME)
@@ -102,7 +101,6 @@ def test_the_copy_from_beside_has_the_same_targets_in_the_world(drive: tuple[Epi
 
 def test_frames_show_what_the_driver_saw(drive: tuple[EpisodeResult, Roads]) -> None:
     result, roads = drive
-    assert result.facts is not None
     made = frames(drive, Sampling())
     seen = list(observations(result.facts, roads))
     tokens = Tokeniser(roads.view.map).tokens(seen[5])

@@ -26,7 +26,6 @@ def driven(half: str) -> Recorded:
     row = next(r for r in DataSet.in_use().table("dev") if r.pair_type == "speed_limit" and r.half == half)
     planner = QuantisedPlanner(resolve("idm").factory)
     result = EpisodeRunner(LoadedPlanner("idm", lambda: planner)).run(row)
-    assert result.facts is not None
     ego, others = fingerprints(result.facts.snapshots)
     return Recorded(
         row.scenario_id, "idm", 0, "train", 1, 1.0, 1.0, steps_of(result.commands), tuple(planner.intents), ego, others

@@ -12,11 +12,9 @@ from rich.console import Console
 
 from tsbench.core.seeds import planner_seed
 from tsbench.learn.oracle.collect import CollectOptions, chosen, collect, experts, first_variant
-from tsbench.learn.oracle.runner import OracleRunner, record_of, unpack
-from tsbench.learn.oracle.select import select
-from tsbench.learn.oracle.stats import verify
+from tsbench.learn.oracle.select import select, verify
 from tsbench.learn.oracle.store import read_tries
-from tsbench.learn.oracle.trajectories import retry_seed
+from tsbench.learn.oracle.trajectories import OracleRunner, record_of, retry_seed, unpack
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
@@ -100,7 +98,6 @@ def runner(name: str, sumo: Simulation, rows: list[ScenarioSpec], most: int) -> 
 
 
 def test_a_failed_expert_draws_another_driver_until_one_succeeds(sumo: Simulation, rows: list[ScenarioSpec]) -> None:
-    """Every try is recorded; the commands are those of the success."""
     driven = runner("Moody", sumo, rows, most=20)
     attempts = []
     for row in rows[1:]:
@@ -130,12 +127,10 @@ def test_only_another_driver_is_worth_another_try(
 
 
 def test_experts_are_those_that_are_registered() -> None:
-    """Whoever is added to the registry as an expert takes part."""
     assert set(experts()) == {name for name in names() if name.endswith("-e")}
 
 
 def test_a_share_of_the_variants_of_each_map(table: list[ScenarioSpec]) -> None:
-    """So many of each, whichever the order; fewer are a part of more."""
     kinds = ("yield", "bus_lane_road")
     some = {(kind, name) for kind in kinds for name in sorted({r.map_id for r in table if r.pair_type == kind})[:15]}
     table = [r for r in table if (r.pair_type, r.map_id) in some]
@@ -159,14 +154,15 @@ def collected(out: Path, workers: int) -> list[str]:
     """Two experts on two scenarios; what was said meanwhile."""
     said = io.StringIO()
     request = Request(("idm-e", "idm-s4-e"), "train", ("bus_lane_road",), limit=2)
-    found = collect(CollectOptions(request, out, workers=workers), ProgressWatcher(Console(file=said, width=200)))
+    found = collect(
+        CollectOptions(request=request, out=out, workers=workers), ProgressWatcher(Console(file=said, width=200))
+    )
     assert found.complete
     assert [(t.asked, t.solved, t.drives, t.errors) for t in found.experts.values()] == [(2, 2, 2, 0)] * 2
     return said.getvalue().splitlines()
 
 
 def test_killed_and_continued_it_is_the_same(tmp_path: Path) -> None:
-    """A journal that ends in the middle of a line, then other workers: the same bytes, and every drive replays."""
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     assert collected(whole, workers=1) == []
     journal = (whole / "journal.jsonl").read_bytes().splitlines(keepends=True)

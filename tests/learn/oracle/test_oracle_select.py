@@ -15,11 +15,9 @@ from hypothesis import strategies as st
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.learn.imitation.recipe import kept_for_validation
-from tsbench.learn.oracle.runner import FIGURES, pack, unpack
-from tsbench.learn.oracle.select import Candidate, f_score, part_of, rank, select
-from tsbench.learn.oracle.stats import stats
+from tsbench.learn.oracle.select import Candidate, f_score, part_of, rank, select, stats
 from tsbench.learn.oracle.store import KIND, Collection, basis, read_tries
-from tsbench.learn.oracle.trajectories import stream_trajectories
+from tsbench.learn.oracle.trajectories import FIGURES, pack, stream_trajectories, unpack
 from tsbench.report.analyses.analysis import to_csv, write_analysis
 from tsbench.run.log.manifest import new_manifest
 from tsbench.run.log.record import Record, Row, error_row
@@ -88,7 +86,6 @@ candidates = st.lists(
 
 
 def test_f_score_by_hand() -> None:
-    """b = 0.25: (1 + 1/16) v s / (v/16 + s)."""
     assert f_score(1.0, 1.0) == pytest.approx(1.0)
     assert f_score(0.5, 0.8) == pytest.approx(1.0625 * 0.4 / (0.03125 + 0.8))
     assert f_score(0.0, 0.0) == 0.0
@@ -96,7 +93,6 @@ def test_f_score_by_hand() -> None:
 
 @given(shares, shares, shares)
 def test_f_score_lies_between_and_grows(v: float, s: float, more: float) -> None:
-    """Between the two shares, more of either is never worse, and speed weighs more than comfort."""
     q = f_score(v, s)
     assert min(v, s) - 1e-9 <= q <= max(v, s) + 1e-9
     assert f_score(max(v, more), s) >= q - 1e-9
@@ -107,7 +103,6 @@ def test_f_score_lies_between_and_grows(v: float, s: float, more: float) -> None
 
 @given(candidates, st.randoms(use_true_random=False))
 def test_the_drives_that_count_in_order(found: list[Candidate], random: Any) -> None:
-    """Whatever the order: best first, at most one of the IDM kind, and that the fastest of them."""
     best = rank(found)
     assert len(best) == sum(not c.rules for c in found) + any(c.rules for c in found)
     assert [q for _, q in best] == sorted((q for _, q in best), reverse=True)
@@ -124,13 +119,11 @@ def test_the_drives_that_count_in_order(found: list[Candidate], random: Any) -> 
 
 @given(st.lists(st.tuples(st.integers(-6000, 3000), st.integers(-6981, 6981)), min_size=1, max_size=50))
 def test_commands_come_back_from_a_line(pairs: list[tuple[int, int]]) -> None:
-    """Packed into the journal and read again."""
     commands = np.array(pairs, dtype=np.int16)
     assert unpack(pack(commands)).tolist() == commands.tolist()
 
 
 def test_a_fifth_of_the_maps_is_for_validation(rows: list[ScenarioSpec]) -> None:
-    """By map, and never to learn from what a base planner was validated on."""
     maps = {row.map_id: row for row in rows}
     parts = {name: part_of(row) for name, row in maps.items()}
     assert {part_of(row) == parts[row.map_id] for row in rows} == {True}
@@ -140,7 +133,6 @@ def test_a_fifth_of_the_maps_is_for_validation(rows: list[ScenarioSpec]) -> None
 
 
 def test_select_writes_the_best_drives(full: Path, rows: list[ScenarioSpec]) -> None:
-    """With rank, quality, the attempt that succeeded, and its commands."""
     found = select(full / "c", full / "oracle.parquet", allow_partial=False)
     assert (found.scenarios, found.covered, found.drives) == (3, 2, 3)
     assert found.uncovered == {rows[2].scenario_type: 1}
@@ -156,7 +148,6 @@ def test_select_writes_the_best_drives(full: Path, rows: list[ScenarioSpec]) -> 
 
 
 def test_a_third_drive_is_kept_and_not_chosen(tmp_path: Path, rows: list[ScenarioSpec]) -> None:
-    """With rank 0: another expert may yet change the order of the others."""
     third = replace(PLANNERS[2], name="other-e")
     with closing(collection(tmp_path / "c", rows[:1], [*PLANNERS, third])) as made:
         for name, steps in (("idm-e", 100), ("net-e", 110), ("other-e", 120)):
@@ -171,7 +162,6 @@ def test_a_third_drive_is_kept_and_not_chosen(tmp_path: Path, rows: list[Scenari
 
 
 def test_tries_are_one_row_each_in_order(full: Path) -> None:
-    """Failed ones too; sorted by expert and scenario."""
     tries = read_tries(full / "c")
     assert len(tries) == 12
     keys = [(t["planner"], t["scenario_id"], t["attempt"]) for t in tries]
@@ -181,7 +171,6 @@ def test_tries_are_one_row_each_in_order(full: Path) -> None:
 
 
 def test_a_collection_grows_and_forgets_what_has_changed(full: Path, rows: list[ScenarioSpec]) -> None:
-    """Another scenario and an expert more: the rest stays. A scenario or an expert that has changed is driven anew."""
     newer = replace(PLANNERS[2], weights_sha256="other weights")
     table = [replace(rows[0], seed=rows[0].seed + 1), *rows[1:5]]
     more = [PLANNERS[0], replace(newer, name="carl-e"), newer]
@@ -197,7 +186,6 @@ def test_a_collection_grows_and_forgets_what_has_changed(full: Path, rows: list[
 
 
 def test_other_code_of_an_expert_is_told_and_voids_nothing(full: Path, rows: list[ScenarioSpec]) -> None:
-    """A drive is its commands, whatever made them; only who asks for it has it driven again."""
     other = [replace(PLANNERS[0], code_sha256="other"), *PLANNERS[1:]]
     with closing(collection(full / "c", rows[:3], other)) as made:
         assert len(made.journal.done) == 9
@@ -210,7 +198,6 @@ def test_other_code_of_an_expert_is_told_and_voids_nothing(full: Path, rows: lis
 
 @pytest.mark.parametrize("what", ["unfinished", "contract", "rows", "journal", "nothing", "run"])
 def test_select_refuses_in_one_line(full: Path, rows: list[ScenarioSpec], what: str) -> None:
-    """What cannot be trusted is not chosen from."""
     folder, told = full / "c", ""
     manifest = folder / "run.json"
     text = manifest.read_text()
@@ -238,7 +225,6 @@ def test_select_refuses_in_one_line(full: Path, rows: list[ScenarioSpec], what: 
 
 
 def test_stats_of_the_chosen_drives(full: Path, rows: list[ScenarioSpec]) -> None:
-    """Coverage over the whole split, shares by expert, all files."""
     select(full / "c", full / "oracle.parquet", allow_partial=False)
     analysis = stats(full / "oracle.parquet", "train")
     cells = {row.cells[:2]: row.cells[2:] for row in analysis.table.rows}
@@ -254,7 +240,6 @@ def test_stats_of_the_chosen_drives(full: Path, rows: list[ScenarioSpec]) -> Non
 
 
 def test_a_drive_that_took_its_worker_along_is_a_try(tmp_path: Path, rows: list[ScenarioSpec]) -> None:
-    """Without figures, with its cause in the table and its story in a file."""
     row = error_row(rows[0], "idm-e", True, Outcome.SIM_ERROR, "the worker process ended: SIGSEGV")
     with closing(collection(tmp_path / "c", rows[:1])) as made:
         made.keep(Record(row, [], {}, "the whole story"))

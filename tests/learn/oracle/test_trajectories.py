@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from tsbench.core.errors import InputError, SimulationError
 from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
+from tsbench.learn.oracle.collect import experts
 from tsbench.learn.oracle.trajectories import (
     STEPS,
     QuantisedPlanner,
@@ -22,7 +23,6 @@ from tsbench.learn.oracle.trajectories import (
     control_of,
     fingerprints,
     quantise,
-    retry_seed,
     steps_of,
     stream_trajectories,
     write_trajectories,
@@ -62,7 +62,6 @@ def sumo() -> Iterator[Simulation]:
 def drive(row: ScenarioSpec, sumo: Simulation) -> tuple[EpisodeResult, Recorded]:
     runner = DriveResult(sumo, SceneLoader(DataSet.in_use()))
     result = runner.run(row)
-    assert result.facts is not None, result.detail
     ego, others = fingerprints(result.facts.snapshots)
     return result, Recorded(
         scenario_id=row.scenario_id, planner="idm-s4-e", attempt=0, part="train", rank=1, quality=0.5, comfort=None,
@@ -79,7 +78,6 @@ def test_a_replay_is_the_drive_bit_for_bit(
     (read,) = stream_trajectories(tmp_path / "drives.parquet")
     facts = Replayer(sumo, SceneLoader(DataSet.in_use())).replay(read, row)
     assert read.intents
-    assert result.facts is not None
     assert len(facts.snapshots) == len(result.facts.snapshots) > 100
     for now, before in zip(facts.snapshots, result.facts.snapshots, strict=True):
         assert now.ego == before.ego
@@ -106,7 +104,6 @@ def test_another_drive_is_no_replay(
 
 
 def test_the_table_gives_back_what_was_written(drive: tuple[EpisodeResult, Recorded], tmp_path: Path) -> None:
-    """Whatever the order of writing: the same bytes, sorted by scenario and rank."""
     first = drive[1]
     second = replace(first, rank=2, planner="idm-e", attempt=3, part="validation", intents=(), comfort=0.25)
     third = replace(first, scenario_id="a", commands=first.commands[:7], quality=None)
@@ -123,7 +120,6 @@ def test_the_table_gives_back_what_was_written(drive: tuple[EpisodeResult, Recor
 
 
 def test_a_table_without_drives(tmp_path: Path) -> None:
-    """Nothing found is a table too; another table is not."""
     write_trajectories([], tmp_path / "none.parquet")
     assert list(stream_trajectories(tmp_path / "none.parquet")) == []
     with pytest.raises(InputError, match=r"is missing|schema version"):
@@ -132,7 +128,6 @@ def test_a_table_without_drives(tmp_path: Path) -> None:
 
 @given(st.floats(-1e6, 1e6), st.floats(-1e3, 1e3))
 def test_rounding_keeps_within_limits_and_is_done_once(acceleration: float, steering: float) -> None:
-    """A rounded command rounds to itself, fits its type, and drives within half a step of the asked one."""
     steps = quantise(acceleration, steering)
     control = control_of(*steps, ())
     assert quantise(control.acceleration, control.steering) == steps
@@ -147,7 +142,28 @@ def test_rounding_keeps_within_limits_and_is_done_once(acceleration: float, stee
     assert abs(asked.steering - driven.steering) <= 0.51 / STEPS[1]
 
 
-def test_retries_draw_other_drivers() -> None:
-    """The first attempt is the episode as it stands; each further one has a seed of its own."""
-    assert retry_seed(7, 0) == 7
-    assert len({retry_seed(seed, attempt) for seed in (7, 8) for attempt in range(4)}) == 8
+TABLE = Path(__file__).parent / "data" / "oracle.parquet"
+DRIVES = list(stream_trajectories(TABLE))
+
+
+@pytest.fixture(scope="module")
+def replayer() -> Iterator[Replayer]:
+    simulation = Simulation()
+    yield Replayer(simulation, SceneLoader(DataSet.in_use()))
+    simulation.close()
+
+
+def test_all_types_and_experts_are_in_it(rows: list[ScenarioSpec]) -> None:
+    assert {d.scenario_id.partition("-")[0] for d in DRIVES} == {row.pair_type for row in rows}
+    assert {d.planner for d in DRIVES} == set(experts())
+
+
+@pytest.mark.parametrize("recorded", DRIVES, ids=lambda d: f"{d.scenario_id}-{d.planner}")
+def test_a_drive_is_replayed_as_it_was_recorded(
+    recorded: Recorded, rows: list[ScenarioSpec], replayer: Replayer
+) -> None:
+    """Else the replay is refused, and says what differs."""
+    row = next(row for row in rows if row.scenario_id == recorded.scenario_id)
+    facts = replayer.replay(recorded, row)
+    assert facts.target.compliant
+    assert facts.outcome == "arrived"

@@ -11,14 +11,16 @@ import pytest
 from learned_scenes import Recorder, record, with_signs
 from training_helpers import fresh_blind, fresh_tuned, fresh_weights
 
-from tsbench.learn.plant2.layout import PATH_POINTS, PLAN
-from tsbench.learn.plant2.planner_ft import Plant2Blind, Plant2Ft, StopPolicy
+from tsbench.learn.plant2 import tokens as at
+from tsbench.learn.plant2.ablations import InSight, WithoutHalts, WithoutMemory
 from tsbench.learn.plant2.plant2_network import Plant2Network
-from tsbench.learn.plant2.plant2_planner import HOLD_TICKS, Gains, Plant2, control
+from tsbench.learn.plant2.plant2_planner import HOLD_TICKS, Gains, Plant2, Plant2Blind, Plant2Ft, StopPolicy, control
+from tsbench.learn.plant2.sign_tokens import SignMemory, vocabulary_of
+from tsbench.learn.plant2.tokens import PATH_POINTS, PLAN
 from tsbench.planners import registry
-from tsbench.planners.base import Control
+from tsbench.planners.base import Control, SignView
 from tsbench.sim.ego import Motion, advance
-from tsbench.sim.world import EgoState
+from tsbench.sim.world import EGO_LENGTH_M, EgoState
 
 pytestmark = pytest.mark.slow
 
@@ -43,7 +45,7 @@ def commands(planner: Plant2, drive: Recorder, *, signs: bool) -> list[Control]:
 
 
 def test_the_learned_floor_sees_posts_and_nothing_on_them(drive: Recorder, folder: Path) -> None:
-    entry = registry.resolve("tsbench.learn.plant2.planner_ft:Plant2Blind")
+    entry = registry.resolve("tsbench.learn.plant2.plant2_planner:Plant2Blind")
     assert (entry.floor, entry.sign_access, entry.privileged) == (True, False, False)
     planner = Plant2Blind(folder=folder)
     plates = [with_signs(o) for o in drive.seen]
@@ -52,10 +54,8 @@ def test_the_learned_floor_sees_posts_and_nothing_on_them(drive: Recorder, folde
     for seen in (plates, posts, drive.seen):
         planner.reset(drive.context)
         read.append([planner.act(o) for o in seen])
-        planner.reset(drive.context)
-        assert planner.act_batch(seen[:1]) == [replace(read[-1][0], intent=())]
     assert read[0] == read[1] != read[2]
-    tokens = planner.encode(plates[0])[0]
+    tokens = planner.encode(posts[0])[0]
     assert np.count_nonzero(tokens["sign_classes"]) == 3
     assert not tokens["held_classes"].any()
 
@@ -66,15 +66,6 @@ def straight_plans(count: int, speed: float, standing: float = 0.0, step_m: floa
     answer["path"][..., 0] = step_m * np.arange(1, PATH_POINTS + 1)
     answer["speed"], answer["standing"] = speed, standing
     return answer
-
-
-def test_patience_ends() -> None:
-    stop_policy = StopPolicy(share=0.1, waits=5.0, rise=0.02)
-    assert stop_policy.stop_decision(0.1, 0.0)
-    assert not stop_policy.stop_decision(0.09, 0.0)
-    assert stop_policy.stop_decision(0.3, 14.9)
-    assert not stop_policy.stop_decision(0.3, 15.1)
-    assert not stop_policy.stop_decision(1.0, 60.0)
 
 
 def test_it_halts_where_it_may_have_to_stand_until_it_has_waited(drive: Recorder, folder: Path) -> None:
@@ -141,13 +132,6 @@ def test_a_halt_brakes_to_the_end(drive: Recorder, standing: float, most: float)
     assert [planner.act(replace(o, ego=slow, step=k)).acceleration for k in (0, 1)] == [most, most]
     fast = planner.act(replace(o, ego=replace(slow, speed=8.0), step=2)).acceleration
     assert fast == pytest.approx(-6.0)
-
-
-def test_a_batch_decides_as_each_alone(drive: Recorder, folder: Path) -> None:
-    planner = Plant2(folder=folder)
-    driven, fresh = commands(planner, drive, signs=False), drive.seen[: 8 * HOLD_TICKS : HOLD_TICKS]
-    for size in range(1, 9):
-        assert planner.act_batch(fresh[:size]) == driven[: size * HOLD_TICKS : HOLD_TICKS]
 
 
 def test_between_two_plans_the_last_one_is_followed_from_where_the_ego_is(drive: Recorder, folder: Path) -> None:
@@ -217,3 +201,38 @@ def test_control_comes_back_to_a_line_without_swinging(speed: float) -> None:
         sides.append(m.y)
     assert abs(sides[-1]) < 0.05
     assert min(sides) > -0.3
+
+
+def plan_that_stands() -> np.void:
+    plan = np.zeros(1, dtype=at.PLAN)[0]
+    plan["speed"], plan["standing"] = 1.5, 0.9
+    return plan
+
+
+def test_without_halts_it_drives_at_the_mean_speed(drive: Recorder) -> None:
+    whole, bare = Plant2Ft(), WithoutHalts()
+    for planner in (whole, bare):
+        planner.reset(drive.context)
+    assert whole.target_speed(plan_that_stands()) == 0.0
+    assert bare.target_speed(plan_that_stands()) == 1.5
+
+
+def test_without_memory_a_plate_out_of_sight_is_gone_and_a_stop_forgotten(drive: Recorder) -> None:
+    o = drive.seen[0]
+    line = next(piece.s1 for piece in o.route.path.pieces if o.route.s <= piece.s1)
+    before_line = replace(o.route, s=line - 2.0 - EGO_LENGTH_M / 2)
+    x, y, heading = (o.ego.x + 2.0 * np.cos(o.ego.heading), o.ego.y + 2.0 * np.sin(o.ego.heading), o.ego.heading)
+    stop = SignView("2.5", None, x, y, heading, o.route.path.edges[0], -1, 0.0, 2.0)
+    stands = replace(o, route=before_line, ego=replace(o.ego, speed=0.0), signs=(stop,))
+    words = vocabulary_of()
+    told = []
+    for kind in (SignMemory, InSight):
+        memory, rows = kind(drive.context.network, words), np.zeros(2, dtype=at.SIGN_TOKENS)
+        for row, seen in zip(rows, (stands, replace(stands, step=o.step + 1, signs=())), strict=True):
+            memory.update(seen)
+            memory.fill(row, seen, 0)
+        told.append([(bool(row["held_classes"][0]), float(row["held"][0, -1])) for row in rows])
+    assert told == [[(True, 1.0), (True, 1.0)], [(True, 0.0), (False, 0.0)]]
+    planner = WithoutMemory()
+    planner.reset(drive.context)
+    assert isinstance(planner._signs._memory, InSight)

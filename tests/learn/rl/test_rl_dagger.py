@@ -15,20 +15,20 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from tsbench.learn.envs.drive_env import DriveEnv
-from tsbench.learn.ppo.vector import SIZE
 from tsbench.learn.rl.actions import HOLD_TICKS, accelerate, action_for
 from tsbench.learn.rl.dagger import DaggerWrapper, warm_up
 from tsbench.learn.rl.policy import policy_of
+from tsbench.learn.rl.ppo_planner import SIZE
 from tsbench.planners.idm import Idm
 
 pytestmark = pytest.mark.slow
 
 
-@given(st.floats(-5.0, 2.4))
-def test_an_acceleration_has_an_action(wanted: float) -> None:
-    first, aside = action_for(wanted, 0.0)
+@given(st.floats(-5.0, 2.4), st.floats(-3.5, 3.5))
+def test_an_acceleration_and_a_place_beside_the_route_have_an_action(wanted: float, aside: float) -> None:
+    first, second = action_for(wanted, aside)
     assert accelerate(first) == pytest.approx(wanted, abs=1e-9)
-    assert aside == 0.0
+    assert 3.5 * second * abs(second) == pytest.approx(aside, abs=1e-9)
 
 
 @pytest.mark.parametrize(("wanted", "most"), [(9.0, 2.4), (-9.0, -5.0)])
@@ -103,9 +103,3 @@ def test_the_teacher_passes_an_obstacle() -> None:
     assert facts["outcome"] == "arrived"
     assert max(map(abs, aside)) > 0.5
     taught.close()
-
-
-@given(st.floats(-3.5, 3.5))
-def test_a_place_beside_the_route_has_an_action(aside: float) -> None:
-    second = action_for(0.0, aside)[1]
-    assert 3.5 * second * abs(second) == pytest.approx(aside, abs=1e-9)

@@ -17,13 +17,11 @@ from scipy import stats
 from stable_baselines3 import PPO
 
 from tsbench.core.errors import InputError
-from tsbench.learn.carl.carl_planner import RECORD, Carl
-from tsbench.learn.carl.raster import CHANNELS, MEASUREMENTS, PIXELS
-from tsbench.learn.ppo.ppo_planner import RECORD as VECTOR
-from tsbench.learn.ppo.ppo_planner import Ppo
-from tsbench.learn.ppo.vector import SIZE
 from tsbench.learn.rl import ppo_training as rl_train
+from tsbench.learn.rl.carl_planner import CHANNELS, MEASUREMENTS, PIXELS, RECORD, Carl
 from tsbench.learn.rl.policy import BetaActions, actor_tensors, policy_of
+from tsbench.learn.rl.ppo_planner import RECORD as VECTOR
+from tsbench.learn.rl.ppo_planner import SIZE, Ppo
 from tsbench.learn.rl.ppo_training import HYPER, Job, RlProgress, load_progress, save_progress, session_seed
 from tsbench.planners.weights import network, save_weights
 

@@ -21,7 +21,7 @@ import numpy as np
 from tsbench.bridges.sb3.sb3_planner import READING, RELU, TANH, WEIGHTS, mlp, observation_of
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
-from tsbench.learn.envs.encoders import EXIT, PLAIN
+from tsbench.learn.rl.actions import EXIT, PLAIN
 from tsbench.planners.weights import Network, Tensors, save_weights
 
 # Most that a member may come to, unpacked.

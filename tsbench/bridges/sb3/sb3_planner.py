@@ -13,9 +13,9 @@ from gymnasium.spaces.utils import flatdim, flatten
 
 from tsbench.core.errors import InputError
 from tsbench.geometry.elementary import exp
-from tsbench.learn.envs.encoders import EXIT, KINDS, PLAIN, ExitAction
-from tsbench.learn.networks.fixed_point import BITS, LARGEST, Linear, Parameters, rectified, snap, tanh
-from tsbench.learn.rl.actions import normal_quantile
+from tsbench.learn.envs.seen_tables import KINDS
+from tsbench.learn.fixed_point import BITS, LARGEST, Linear, Parameters, rectified, snap, tanh
+from tsbench.learn.rl.actions import EXIT, PLAIN, ExitAction, normal_quantile
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.weights import Tensors, fitted, network
 

@@ -7,9 +7,11 @@ Stable-Baselines3's SubprocVecEnv for several. `Curriculum` says which scenarios
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any
+from itertools import accumulate
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -24,9 +26,9 @@ from tsbench.core.typed import typed
 from tsbench.episode.episode import Episode, Judged
 from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.perception_level import EXACT, Perception, load_level
-from tsbench.learn.envs.encoders import EXIT, KINDS, PLAIN, ExitAction
 from tsbench.learn.envs.reward import SIGNS, RewardSpec, RouteReward
-from tsbench.learn.envs.view import View
+from tsbench.learn.envs.seen_tables import KINDS
+from tsbench.learn.rl.actions import EXIT, PLAIN, ExitAction
 from tsbench.metrics.episode_metrics import is_scd, route_completion
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Control, Observation
@@ -38,6 +40,9 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
 from tsbench.scenarios.table import SPLITS
 from tsbench.sim.sumo import Simulation
+
+if TYPE_CHECKING:
+    from tsbench.learn.envs.view import View
 
 # Times that a row of a type in `more` is in the draw.
 _MORE = 3
@@ -94,7 +99,10 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         masked = switch("mask_signs", mask_signs)
         if isinstance(reward, Mapping):
             # So Gymnasium writes a RewardSpec in an environment's JSON.
-            reward = _reward_of(reward)
+            try:
+                reward = typed(RewardSpec, reward)
+            except ValueError as problem:
+                raise InputError(f"reward {reward!r}: {problem}") from problem
         if not (reward is None or isinstance(reward, RewardSpec) or callable(reward)):
             raise InputError(f"reward {reward!r}: expected a RewardSpec, or a function of a step's terms")
         self._data = data = DataSet.driven(None if city is None else text("city", city))
@@ -108,9 +116,8 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         if often := type_words("more", more or None):
             kinds = choose_types(data.catalog, often)
             self._rows += (_MORE - 1) * [row for row in self._rows if row.pair_type in kinds]
-        self._kind, self._to_exits = observation, action == EXIT
+        self._kind, self._action = observation, action
         self._make_encoders()
-        self._act = PLAIN.get(action)
         self._perception = Perception(masked, load_level(expanded_text(str(perception))))
         self._view: View | None = None
         self._weigh: Reward | None = None
@@ -122,18 +129,18 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._episode: Episode | None = None
         self._last: Observation | None = None
         self.observation_space = self._seen.space
-        self.action_space = spaces.Box(-1.0, 1.0, (2 if self._exit is None else 3,), np.float32)
+        self.action_space = spaces.Box(-1.0, 1.0, (3 if action == EXIT else 2,), np.float32)
 
     def _make_encoders(self) -> None:
         """What turns observations and actions of one episode, and what loads it."""
         self._simulation = Simulation()
         self._loader = SceneLoader(self._data)
         self._seen = KINDS[self._kind]()
-        self._exit = ExitAction() if self._to_exits else None
+        self._act: Callable[..., Control] = ExitAction() if self._action == EXIT else PLAIN[self._action]
 
     def __getstate__(self) -> dict[str, Any]:
         """For `copy` and `pickle`: options and random generator, but no episode, as SUMO's cannot be copied."""
-        own = ("_episode", "_last", "_view", "_simulation", "_loader", "_seen", "_exit", "_reward")
+        own = ("_episode", "_last", "_view", "_simulation", "_loader", "_seen", "_act", "_reward")
         return self.__dict__ | dict.fromkeys(own)
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -153,8 +160,8 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         if episode.result is not None:
             raise SimulationError(f"{row.scenario_id}: {episode.result.error or episode.result.outcome}")
         self._seen.reset(episode.context)
-        if self._exit is not None:
-            self._exit.reset(episode.context)
+        if isinstance(self._act, ExitAction):
+            self._act.reset(episode.context)
         self._episode, self._view, self._last = episode, None, episode.observation
         self._reward = RouteReward(self._last, self._reward_spec)
         self._counts = (0, 0)
@@ -179,7 +186,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             raise ValueError(f"action {', '.join(map(str, numbers))} is not finite")
         earned = dict.fromkeys(_TERMS, 0.0)
         for _ in range(self._hold):
-            episode.step(self._command(numbers, episode.observation))
+            episode.step(self._act(*numbers, episode.observation))
             if episode.result is not None:
                 return self._over(episode, episode.result, earned)
             earned["progress"] += self._reward.tick(episode.observation)
@@ -187,14 +194,6 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._show()
         reward, info = self._told(earned, episode.judged())
         return self._seen.encode(self._last), reward, False, False, info
-
-    def _command(self, numbers: list[float], observation: Observation) -> Control:
-        if self._exit is not None:
-            first, second, third = numbers
-            return self._exit(first, second, third, observation)
-        first, second = numbers
-        assert self._act is not None
-        return self._act(first, second, observation)
 
     def render(self) -> Any:
         """(512, 512, 3) uint8 RGB with `rgb_array`; nothing with `human`, whose window follows by itself."""
@@ -207,8 +206,10 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             self._drawn().show(self._last)
 
     def _drawn(self) -> View:
-        """Made for the first picture: without pictures it costs nothing."""
+        """Made for the first picture: without pictures it costs nothing, nor needs the extra `report`."""
         if self._view is None:
+            from tsbench.learn.envs.view import View
+
             self._view = View(self.episode.context)
         return self._view
 
@@ -253,12 +254,17 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self, episode: Episode, result: EpisodeResult, earned: dict[str, float]
     ) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """The end: a simulation that broke off counts as cut short, and says why in `info`."""
-        info = {"outcome": str(result.outcome), "error": result.error}
+        info: dict[str, Any] = {"outcome": str(result.outcome), "error": result.error}
         self._last = episode.observation
-        if result.facts is not None:
+        if (facts := result.facts) is not None:
             self._last = episode.look()
             earned["progress"] += self._reward.tick(self._last)
-            info |= _verdict(result)
+            info |= {
+                "sign_compliant": facts.target.compliant,
+                "scd": is_scd(facts),
+                "route_completion": route_completion(facts, tracks_of(facts.snapshots)),
+                "at_fault": facts.contact is not None and facts.contact.at_fault,
+            }
         earned["end"] = self._reward.end(result.outcome)
         reward, told = self._told(earned, episode.judged())
         ended = result.outcome in _ENDS
@@ -275,27 +281,9 @@ def _so_far(judged: Judged) -> dict[str, Any]:
     return {"violations": judged.violations, "needless": judged.needless, "engaged": judged.engaged}
 
 
-def _reward_of(fields: Mapping[str, float]) -> RewardSpec:
-    try:
-        return typed(RewardSpec, fields)
-    except ValueError as problem:
-        raise InputError(f"reward {fields!r}: {problem}") from problem
-
-
 def _known(name: str, value: str, known: Any) -> None:
     if value not in known:
         raise InputError(f"{name} {value!r}: expected {' | '.join(known)}")
-
-
-def _verdict(result: EpisodeResult) -> dict[str, Any]:
-    facts = result.facts
-    assert facts is not None
-    return {
-        "sign_compliant": facts.target.compliant,
-        "scd": is_scd(facts),
-        "route_completion": route_completion(facts, tracks_of(facts.snapshots)),
-        "at_fault": facts.contact is not None and facts.contact.at_fault,
-    }
 
 
 def drive_in_processes(num_envs: int = 1, max_episode_steps: int | None = None, **options: Any) -> AsyncVectorEnv:
@@ -315,18 +303,11 @@ class Curriculum(gymnasium.Wrapper[Any, Any, Any, Any]):
         super().__init__(env)
         if not stages or any(episodes < 1 for episodes, _ in stages):
             raise InputError("curriculum: expected at least one stage, each of at least one episode")
-        self._stages, self._begun = tuple(stages), 0
+        self._ends = list(accumulate(episodes for episodes, _ in stages[:-1]))
+        self._stages, self._begun = tuple(options for _, options in stages), 0
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """As the environment's; what is asked for here goes before what the stage asks for."""
-        asked = {**self._stage(), **(options or {})}
+        stage = self._stages[bisect_right(self._ends, self._begun)]
         self._begun += 1
-        return self.env.reset(seed=seed, options=asked)
-
-    def _stage(self) -> Mapping[str, Any]:
-        left = self._begun
-        for episodes, options in self._stages[:-1]:
-            if left < episodes:
-                return options
-            left -= episodes
-        return self._stages[-1][1]
+        return self.env.reset(seed=seed, options={**stage, **(options or {})})

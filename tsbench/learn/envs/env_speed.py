@@ -1,14 +1,13 @@
-"""How fast the environment is here: `python -m tsbench.learn.envs.env_speed [vector|bev|objects|scene|plates] [steps]`.
+"""How fast the environment is here, for `tsbench bench --env`.
 
 Seconds are the processes' own on the CPU, so that other work on the machine counts as little as may be. The ego follows
-its route; episodes are drawn from the test split, their starts are told apart, but where environments are several.
+its route; episodes are drawn from the test split.
 """
 
 from __future__ import annotations
 
 import os
 import statistics
-import sys
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -25,12 +24,12 @@ ONWARD = (0.05, 0.0)
 _SEVERAL, _FIRST = 2, 20
 
 
-def measure(observation: str, steps: int) -> tuple[list[float], list[float]]:
-    """CPU seconds of each block of 500 steps, as many as `steps` are, and of each start of an episode in them."""
+def rates_of(observation: str, steps: int) -> tuple[float, float]:
+    """Steps per second of CPU time, of the median block, and over all with the starts of episodes."""
     env = gymnasium.make(DRIVE, split="test", observation=observation, action="aim")
     action = np.array(ONWARD, dtype=np.float32)
     env.reset(seed=0)
-    blocks, starts = [], []
+    blocks, starts = [], 0.0
     for _ in range(max(steps // BLOCK, 1)):
         spent = 0.0
         for _ in range(BLOCK):
@@ -40,16 +39,10 @@ def measure(observation: str, steps: int) -> tuple[list[float], list[float]]:
             if terminated or truncated:
                 began = time.process_time()
                 env.reset()
-                starts.append(time.process_time() - began)
+                starts += time.process_time() - began
         blocks.append(spent)
     env.close()
-    return blocks, starts
-
-
-def rates_of(observation: str, steps: int) -> tuple[float, float]:
-    """Steps per second of CPU time: the median block's, and over all blocks and the starts of episodes in them."""
-    blocks, starts = measure(observation, steps)
-    return BLOCK / statistics.median(blocks), len(blocks) * BLOCK / (sum(blocks) + sum(starts))
+    return BLOCK / statistics.median(blocks), len(blocks) * BLOCK / (sum(blocks) + starts)
 
 
 def vectorised(observation: str, steps: int) -> float:
@@ -79,18 +72,3 @@ def _cpu_seconds(pids: Iterable[int | None]) -> float:
         fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
         ticks += int(fields[11]) + int(fields[12])
     return time.process_time() + ticks / os.sysconf("SC_CLK_TCK")
-
-
-def main() -> None:
-    kind = sys.argv[1] if len(sys.argv) > 1 else "vector"
-    blocks, starts = measure(kind, int(sys.argv[2]) if len(sys.argv) > 2 else 5000)
-    rates = [BLOCK / seconds for seconds in blocks]
-    print(
-        f"{kind}: {statistics.median(rates):.0f} steps/s of CPU time (best block {max(rates):.0f}), "
-        f"{len(blocks) * BLOCK / (sum(blocks) + sum(starts)):.0f} with episode starts of "
-        f"{1000.0 * statistics.mean(starts) if starts else 0.0:.0f} ms"
-    )
-
-
-if __name__ == "__main__":
-    main()

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 from tsbench.episode.outcome import Outcome
-from tsbench.learn.networks.shared_inputs import RouteSpeed
+from tsbench.learn.shared_inputs import RouteSpeed
 from tsbench.planners.base import Observation
 from tsbench.planners.helpers import RoadAhead
 

@@ -1,4 +1,6 @@
-"""`objects` and `scene`: what a planner sees as tables of numbers, plates included, for networks that take sets.
+"""What an environment shows: each kind of observation with its space.
+
+`objects` and `scene` are what a planner sees as tables of numbers, plates included, for networks that take sets.
 
 Places are in the ego's frame (forward, left), angles as cosine and sine against its heading, rows sorted by distance.
 `objects` is in m and m/s; a row that is not there is zero, its first number too. `scene` is for networks that shall
@@ -9,16 +11,20 @@ plates on the navigation's way stand before the others.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
 
 from tsbench.core.errors import InputError
+from tsbench.learn.rl.actions import ways_to
+from tsbench.learn.rl.carl_planner import RasterEncoder
+from tsbench.learn.rl.ppo_planner import SIZE, VectorEncoder
+from tsbench.learn.shared_inputs import CHANNELS, MEASUREMENTS, PIXELS
 from tsbench.planners.base import Observation, PlannerContext, SignView
-from tsbench.roads.lane_graph import MapGraph, shortest_ways
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.model import OUTLINES
 from tsbench.sim.ego import MAX_STEER_RAD
@@ -67,6 +73,7 @@ ACTORS = ("there", "forward", "left", "cos", "sin", "speed", "length", "width", 
 OBSTACLES = ("there", "forward", "left", "cos", "sin", "length", "width")
 SIGNS = ("there", "forward", "left", "cos", "sin", "code", "value", *ADDRESSED, "outline", *MAIN_ROAD)
 OBJECT_ROWS = {"route": 20, "actors": 30, "obstacles": 8, "signs": 8}
+_COLUMNS = {"route": ROUTE_COLUMNS, "actors": ACTORS, "obstacles": OBSTACLES, "signs": SIGNS}
 
 _FAR_M = 1000.0
 _REACH = 1.0e4
@@ -87,8 +94,7 @@ class ObjectsSeen:
         self._codes = {code: k + 1 for k, code in enumerate(sign_codes())}
         self._outlines = {outline: k + 1 for k, outline in enumerate(OUTLINES)}
         self._addressed = AddressedLanes()
-        columns = {"route": ROUTE_COLUMNS, "actors": ACTORS, "obstacles": OBSTACLES, "signs": SIGNS}
-        shapes: dict[str, tuple[int, ...]] = {name: (OBJECT_ROWS[name], len(columns[name])) for name in columns}
+        shapes: dict[str, tuple[int, ...]] = {name: (rows, len(_COLUMNS[name])) for name, rows in OBJECT_ROWS.items()}
         self.space: spaces.Space[Any] = spaces.Dict(
             {
                 name: spaces.Box(-_REACH, _REACH, shape, np.float32)
@@ -113,40 +119,28 @@ class ObjectsSeen:
         line = o.route.path.line
         ahead = (line.point_at(min(o.route.s + k + 1.0, line.length)) for k in range(OBJECT_ROWS["route"]))
         boxes = zip(o.actors.boxes, o.actors.speed.tolist(), o.actors.kind.tolist(), strict=True)
+        bodies = ((1.0, *place(*b[:3]), v, b[3], b[4], float(kind)) for b, v, kind in boxes)
+        fixed = ((1.0, *place(t.x, t.y, t.heading), t.length, t.width) for t in o.obstacles)
+        plates = (
+            (
+                *(1.0, *place(p.x, p.y, p.heading), float(self._codes.get(p.code, 0)), p.value or 0.0),
+                *(*whose, float(self._outlines.get(p.outline, 0)), *main_road(p)),
+            )
+            for p, whose in zip(o.signs, self._addressed(o), strict=True)
+        )
         return {
             "ego": np.array(
                 (*state, min(o.route.remaining, _FAR_M), o.route.path.limit_at(o.route.s)), dtype=np.float32
             ),
             "route": np.array([place(x, y, 0.0)[:2] for x, y in ahead], dtype=np.float32),
-            "actors": _table(
-                "actors", len(ACTORS), ((1.0, *place(*b[:3]), v, b[3], b[4], float(kind)) for b, v, kind in boxes)
-            ),
-            "obstacles": _table(
-                "obstacles",
-                len(OBSTACLES),
-                ((1.0, *place(t.x, t.y, t.heading), t.length, t.width) for t in o.obstacles),
-            ),
-            "signs": _table(
-                "signs",
-                len(SIGNS),
-                (
-                    (
-                        1.0,
-                        *place(p.x, p.y, p.heading),
-                        float(self._codes.get(p.code, 0)),
-                        p.value or 0.0,
-                        *whose,
-                        float(self._outlines.get(p.outline, 0)),
-                        *main_road(p),
-                    )
-                    for p, whose in zip(o.signs, self._addressed(o), strict=True)
-                ),
-            ),
+            "actors": _table("actors", bodies),
+            "obstacles": _table("obstacles", fixed),
+            "signs": _table("signs", plates),
         }
 
 
-def _table(name: str, columns: int, rows: Iterable[Sequence[float]]) -> Table:
-    table = np.zeros((OBJECT_ROWS[name], columns), dtype=np.float32)
+def _table(name: str, rows: Iterable[Sequence[float]]) -> Table:
+    table = np.zeros((OBJECT_ROWS[name], len(_COLUMNS[name])), dtype=np.float32)
     nearest = sorted(rows, key=lambda row: math.hypot(row[1], row[2]))[: OBJECT_ROWS[name]]
     if nearest:
         table[: len(nearest)] = nearest
@@ -300,20 +294,45 @@ class SceneSeen:
         return table, mask
 
 
-def ways_to(graph: MapGraph, target: str) -> dict[str, float]:
-    """From the start of each edge that leads there, m to the start of `target`, along edges."""
-    edges, roads = list(graph.network.edges), graph.network.edges
-    number = {edge: k for k, edge in enumerate(edges)}
-    before: list[list[int]] = [[] for _ in edges]
-    for edge in edges:
-        for following in graph.successors(edge):
-            before[number[following]].append(number[edge])
-
-    def back(k: int, cost: float) -> Iterator[tuple[int, float]]:
-        return ((source, cost + roads[edges[source]].length) for source in before[k])
-
-    return {edges[k]: reached.cost for k, reached in shortest_ways(number[target], back).items()}
-
-
 def _scaled(values: Floats) -> Table:
     return np.clip(values, -1.0, 1.0).astype(np.float32)
+
+
+class ObservationEncoder(Protocol):
+    """One kind of observation; `encode` gives elements of `space`."""
+
+    space: spaces.Space[Any]
+
+    def reset(self, context: PlannerContext) -> None: ...
+
+    def encode(self, observation: Observation) -> Any: ...
+
+
+class VectorSeen(VectorEncoder):
+    """`vector`: the 275 numbers of `ppo`."""
+
+    space: spaces.Space[Any] = spaces.Box(-2.0, 2.0, (SIZE,), np.float32)
+
+
+class BevSeen(RasterEncoder):
+    """The raster and the measurements of `carl`."""
+
+    space: spaces.Space[Any] = spaces.Dict(
+        {
+            "bev": spaces.Box(0, 255, (CHANNELS, PIXELS, PIXELS), np.uint8),
+            "measurements": spaces.Box(-2.0, 2.0, (MEASUREMENTS,), np.float32),
+        }
+    )
+
+    def encode(self, observation: Observation) -> Any:
+        raster, measured = super().encode(observation)
+        return {"bev": raster, "measurements": measured}
+
+
+KINDS: dict[str, Callable[[], ObservationEncoder]] = {
+    "vector": VectorSeen,
+    "bev": BevSeen,
+    "objects": ObjectsSeen,
+    "scene": SceneSeen,
+    "plates": partial(SceneSeen, lanes=False),
+}

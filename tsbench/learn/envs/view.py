@@ -1,59 +1,46 @@
-"""What `render` shows: a scene from above in the environment's own process, with OpenCV. Units: m, px.
+"""What `render` shows: a scene from above, north up, the ego in the middle. Units: m, px.
 
 A quick look at a training; the pictures of a run (`tsbench render`) are drawn from its traces and show more.
 """
 
 from __future__ import annotations
 
-import math
+from collections.abc import Iterator
 
-import cv2
 import numpy as np
-import numpy.typing as npt
+import shapely
 
 from tsbench.core.errors import InputError
-from tsbench.geometry.footprint import corners
 from tsbench.planners.base import Observation, PlannerContext
-from tsbench.planners.geometry import lane_polygon
-from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind
+from tsbench.report.drawing.canvas import STYLE, Area, Body, Image, Line, Shape, camera_at, lane_area
+from tsbench.report.drawing.paint import paint, paste, tile, write
+from tsbench.report.drawing.scene_shapes import ego_body
+from tsbench.sim.world import ActorKind
 
-Image = npt.NDArray[np.uint8]
-SIZE_PX, _SCALE = 512, 6.0
-# Fractions of a pixel that OpenCV draws with: 4 bits.
-_BITS = 4
-_GROUND, _ROAD, _LINE, _ROUTE = (232, 236, 228), (190, 190, 190), (255, 255, 255), (110, 170, 110)
-_EGO, _CAR, _PERSON, _THING, _PLATE = ((32, 96, 200), (90, 90, 90), (200, 120, 30), (220, 140, 0), (180, 20, 20))
+SIZE_PX, _PX_PER_M, _TEXT_PX = 512, 6.0, 13
 
 
 class View:
-    """Pictures of 512 x 512 px, RGB, 6 px a metre, north up, the ego in the middle."""
-
     def __init__(self, context: PlannerContext) -> None:
-        self._areas = [lane_polygon(lane) for lane in context.network.lanes]
-        self._areas += [junction.polygon for junction in context.network.junctions.values()]
+        lanes, junctions = context.network.lanes, context.network.junctions.values()
+        areas = [lane_area(lane.line, lane.width) for lane in lanes]
+        areas += [shapely.Polygon(junction.polygon).buffer(0) for junction in junctions if len(junction.polygon) > 2]
+        sides = [lane.line.beside(side * lane.width) for lane in lanes if not lane.internal for side in (-0.5, 0.5)]
+        self._road: list[Shape] = [Area("asphalt", shapely.union_all(areas))]
+        self._road += [Line("marking", side, 0.15) for side in sides]
 
     def draw(self, observation: Observation) -> Image:
-        """(512, 512, 3) uint8."""
+        """(512, 512, 3) uint8, RGB."""
         o = observation
-        self._middle = np.array((o.ego.x, o.ego.y))
-        picture: Image = np.full((SIZE_PX, SIZE_PX, 3), _GROUND, dtype=np.uint8)
-        for area in self._areas:
-            if len(area) > 2:
-                self._fill(picture, area, _ROAD)
-        for area in self._areas:
-            self._outline(picture, area, _LINE, 1, closed=True)
-        self._outline(picture, o.route.path.line.points, _ROUTE, 2)
-        for thing in o.obstacles:
-            self._box(picture, (thing.x, thing.y, thing.heading, thing.length, thing.width), _THING)
-        for box, kind in zip(o.actors.boxes, o.actors.kind.tolist(), strict=True):
-            self._box(picture, box, _PERSON if kind == ActorKind.PEDESTRIAN else _CAR)
-        self._box(picture, (o.ego.x, o.ego.y, o.ego.heading, EGO_LENGTH_M, EGO_WIDTH_M), _EGO)
+        picture: Image = np.full((SIZE_PX, SIZE_PX, 3), STYLE.ground, dtype=np.uint8)
+        camera = camera_at(o.ego.x, o.ego.y, _PX_PER_M, SIZE_PX, SIZE_PX)
+        paint(picture, camera, (*self._road, *_shapes(o)))
         for plate in o.signs:
-            x, y = (int(v) for v in self._pixels(np.array(((plate.x, plate.y),)))[0])
-            cv2.circle(picture, (x, y), 5, _PLATE, -1, cv2.LINE_AA)
+            x, y = camera.px((plate.x, plate.y))[0].astype(int).tolist()
             value = "" if plate.value is None else f" {plate.value:g}"
-            self._text(picture, f"{plate.code or plate.outline or '?'}{value}", (x + 8, y + 4))
-        self._text(picture, f"{o.time:.1f} s  {3.6 * o.ego.speed:.0f} km/h", (10, 20))
+            board = tile(f"{plate.code or plate.outline or '?'}{value}", _TEXT_PX, STYLE.outline, STYLE.marking)
+            paste(picture, x + 8, y - 8, board, np.full(board.shape[:2], 255, dtype=np.uint8))
+        write(picture, 10, 10, f"{o.time:.1f} s  {3.6 * o.ego.speed:.0f} km/h", _TEXT_PX, STYLE.outline)
         return picture
 
     def show(self, observation: Observation) -> None:
@@ -72,33 +59,13 @@ class View:
         pyplot.axis("off")
         pyplot.pause(0.001)
 
-    def _pixels(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-        moved = (points - self._middle) * _SCALE
-        return np.column_stack((SIZE_PX / 2 + moved[:, 0], SIZE_PX / 2 - moved[:, 1]))
 
-    def _fixed(self, points: npt.NDArray[np.float64]) -> npt.NDArray[np.int32]:
-        found: npt.NDArray[np.int32] = np.round(self._pixels(points) * 2**_BITS).astype(np.int32)
-        return found[None]
-
-    def _fill(self, picture: Image, area: npt.NDArray[np.float64], colour: tuple[int, int, int]) -> None:
-        cv2.fillPoly(picture, list(self._fixed(area)), colour, cv2.LINE_AA, _BITS)
-
-    def _outline(
-        self,
-        picture: Image,
-        points: npt.NDArray[np.float64],
-        colour: tuple[int, int, int],
-        width: int,
-        *,
-        closed: bool = False,
-    ) -> None:
-        cv2.polylines(picture, list(self._fixed(points)), closed, colour, width, cv2.LINE_AA, _BITS)
-
-    def _box(self, picture: Image, box: tuple[float, float, float, float, float], colour: tuple[int, int, int]) -> None:
-        self._fill(picture, np.array(corners(*box)), colour)
-        x, y, heading, length, _ = box
-        ahead = (x + math.cos(heading) * length / 2, y + math.sin(heading) * length / 2)
-        self._outline(picture, np.array(((x, y), ahead)), _LINE, 1)
-
-    def _text(self, picture: Image, text: str, at: tuple[int, int]) -> None:
-        cv2.putText(picture, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, (20, 20, 20), 1, cv2.LINE_AA)
+def _shapes(o: Observation) -> Iterator[Shape]:
+    yield Line("route", o.route.path.line.points, 0.4)
+    for thing in o.obstacles:
+        yield Body("island", thing.id, thing.x, thing.y, thing.heading, thing.length, thing.width)
+    for box, kind in zip(o.actors.boxes, o.actors.kind.tolist(), strict=True):
+        yield Body(ActorKind(kind).name.lower(), "", *box)
+    yield ego_body(o.ego.x, o.ego.y, o.ego.heading)
+    for plate in o.signs:
+        yield Area("violation", shapely.Point(plate.x, plate.y).buffer(0.8))

@@ -20,7 +20,8 @@ from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.traffic_view import TrafficView
 from tsbench.geometry.polyline import Array
-from tsbench.learn.plant2 import layout as at
+from tsbench.learn.plant2 import tokens as at
+from tsbench.learn.plant2.plant2_planner import SignTokeniser
 from tsbench.learn.plant2.tokens import Pose, Tokeniser, to_frame
 from tsbench.planners.base import Observation
 from tsbench.planners.registry import resolve
@@ -43,23 +44,6 @@ class DriveResult:
     since: int = 0
 
 
-class EpisodeDrive(Protocol):
-    """One episode and its driver; sent to the process that drives."""
-
-    @property
-    def spec(self) -> ScenarioSpec: ...
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """What tells it from other drives: draws for its frames depend on them."""
-
-    def facts(self) -> dict[str, Any]:
-        """All that decides how it goes, for JSON."""
-
-    def run(self, drivers: Drivers) -> DriveResult | None:
-        """Drive; None where it gives no frames."""
-
-
 class Drivers:
     """The simulation of a process, and all that is made once and used for many drives."""
 
@@ -67,14 +51,6 @@ class Drivers:
         self._loader, self._simulation = SceneLoader(DataSet.in_use()), Simulation()
         self._runners: dict[Hashable, object] = {}
         self._tokeniser: Tokeniser | None = None
-
-    def drive(self, spec: ScenarioSpec, planner: str) -> DriveResult | None:
-        """An episode by a planner that is named as for `tsbench run`; None where it ended in an error at once."""
-        runner = self.kept(
-            planner, lambda simulation, loader: EpisodeRunner(resolve(planner), simulation=simulation, loader=loader)
-        )
-        facts = runner.run(spec).facts
-        return None if facts is None else DriveResult(facts, self.roads(spec))
 
     def kept(self, key: Hashable, make: Callable[[Simulation, SceneLoader], R]) -> R:
         """The runner of a key, always of one class; made in this process's simulation when first asked for."""
@@ -98,7 +74,11 @@ class Drivers:
 
 @dataclass(frozen=True, slots=True)
 class PlannerDrive:
-    """A scenario driven by a planner."""
+    """A scenario driven by a planner that is named as for `tsbench run`.
+
+    Of every kind of drive: `names` tell it from others, and draws for its frames depend on them; `facts` are all that
+    decides how it goes, for JSON; `run` gives None where there are no frames.
+    """
 
     spec: ScenarioSpec
     driver: str
@@ -111,20 +91,27 @@ class PlannerDrive:
         return asdict(self)
 
     def run(self, drivers: Drivers) -> DriveResult | None:
-        """The whole episode, however it ends."""
-        return drivers.drive(self.spec, self.driver)
+        """The whole episode, however it ends but by an error at once."""
+        runner = drivers.kept(
+            self.driver,
+            lambda simulation, loader: EpisodeRunner(resolve(self.driver), simulation=simulation, loader=loader),
+        )
+        facts = runner.run(self.spec).facts
+        return None if facts is None else DriveResult(facts, drivers.roads(self.spec))
 
 
-TARGETS = [
+DRIVEN = [
     ("path", np.float32, (at.PATH_POINTS, 2)),
     ("path_known", np.uint8, (at.PATH_POINTS,)),
     ("waypoints", np.float32, (at.WAYPOINTS, 2)),
     ("waypoints_known", np.uint8, (at.WAYPOINTS,)),
     ("speed", np.float32),
+]
+FORECAST = [
     ("forecast", np.float32, (at.OBJECTS, len(at.FORECAST_S), 2)),
     ("forecast_known", np.uint8, (at.OBJECTS, len(at.FORECAST_S))),
 ]
-FRAME = np.dtype([*((name, at.TOKENS[name]) for name in at.TOKENS.names or ()), *TARGETS])
+FRAME = np.dtype([*((name, at.TOKENS[name]) for name in at.TOKENS.names or ()), *DRIVEN, *FORECAST])
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,23 +130,13 @@ class Sampling:
     speed_s: float = 0.7
 
 
-class TokenEncoder(Protocol):
-    """What turns observations into tokens: `plant2`'s tokeniser, or one that remembers signs."""
-
-    def watch(self, o: Observation) -> None:
-        """Called for every tick, in order."""
-
-    def fill(self, record: at.Record, o: Observation, pose: Pose | None = None) -> list[int]:
-        """Tokens as seen from a pose; the actor's row for each object slot, -1 for an obstacle."""
-
-
 class FrameLabeller(Protocol):
     """Says which ticks of a drive become frames, and what each should be answered with."""
 
     def ticks(self) -> list[int]: ...
 
     def fill(self, frame: at.Record, k: int, o: Observation, pose: Pose, origins: list[int]) -> None:
-        """Write the targets of tick k as seen from a pose; origins: as `TokenEncoder.fill` gave them."""
+        """Write the targets of tick k as seen from a pose; origins: as `Tokeniser.fill` gave them."""
 
 
 class Imitated:
@@ -182,7 +159,7 @@ class Imitated:
 
 def frames_of(
     driven: DriveResult,
-    encoder: TokenEncoder,
+    encoder: Tokeniser | SignTokeniser,
     teacher: FrameLabeller,
     sampling: Sampling,
     rng: np.random.Generator,

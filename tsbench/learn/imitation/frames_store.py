@@ -12,10 +12,10 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from dataclasses import Field, asdict, dataclass
+from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import ClassVar
 
 import numpy as np
 
@@ -23,30 +23,21 @@ from tsbench.core.errors import InputError, SimulationError
 from tsbench.core.files import replacing
 from tsbench.core.machine import one_thread_each
 from tsbench.core.seeds import rng_of
-from tsbench.learn.imitation.frames import FRAME, DriveResult, Drivers, EpisodeDrive, Imitated, Sampling, frames_of
-from tsbench.learn.plant2.layout import Records
+from tsbench.learn.imitation.frames import FRAME, DriveResult, Drivers, Imitated, Sampling, frames_of
+from tsbench.learn.imitation.targets import EpisodeDrive, FinetuneSource
 from tsbench.learn.plant2.plant2_planner import Plant2
+from tsbench.learn.plant2.tokens import Records
 
 DRIVES_PER_CHUNK = 20
 _ATTEMPTS = 3
 
 
-class Source(Protocol):
-    """How frames are made of a drive: a dataclass of all that decides it, sent to the processes that drive.
-
-    dtype: what a frame holds.
-    """
-
-    dtype: ClassVar[np.dtype[np.void]]
-    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
-
-    def frames(self, driven: DriveResult, drivers: Drivers, rng: np.random.Generator) -> Records:
-        """The frames of a drive; none where it teaches nothing."""
-
-
 @dataclass(frozen=True)
 class ImitationSource:
-    """Frames of `plant2`, which sees no signs: every kept tick, whatever became of the drive."""
+    """Frames of `plant2`, which sees no signs: every kept tick, whatever became of the drive.
+
+    As every source of frames it holds all that decides them, and is sent to the processes that drive.
+    """
 
     dtype: ClassVar[np.dtype[np.void]] = FRAME
     sampling: Sampling
@@ -55,6 +46,9 @@ class ImitationSource:
         teacher = Imitated(driven, self.sampling)
         encoder = drivers.tokeniser(driven.roads, Plant2.side_m)
         return frames_of(driven, encoder, teacher, self.sampling, rng, FRAME)
+
+
+Source = ImitationSource | FinetuneSource
 
 
 def plan_hash(drives: Sequence[EpisodeDrive], source: Source, seed: int) -> str:
@@ -93,7 +87,7 @@ class FrameStore:
         self.plan = plan_hash(drives, source, seed)
         self._resources, self._source, self._seed, self._progress = resources, source, seed, progress
         self._folder = resources.out / "frames" / self.plan
-        self._chunks = [drives[k : k + DRIVES_PER_CHUNK] for k in range(0, len(drives), DRIVES_PER_CHUNK)]
+        self._chunks = [list(drives[k : k + DRIVES_PER_CHUNK]) for k in range(0, len(drives), DRIVES_PER_CHUNK)]
         self._folder.mkdir(parents=True, exist_ok=True)
 
     def __len__(self) -> int:
@@ -129,7 +123,10 @@ class FrameStore:
                 one_thread_each(),
                 ProcessPoolExecutor(self._resources.workers, mp_context=get_context("spawn")) as pool,
             ):
-                jobs = {pool.submit(make_chunk, *self._job(n)): n for n in missing}
+                jobs = {
+                    pool.submit(make_chunk, self._path(n), self._chunks[n], self._source, (self._seed, n)): n
+                    for n in missing
+                }
                 for job in as_completed(jobs):
                     job.result()
                     self._progress(len(self._chunks[jobs[job]]))
@@ -139,9 +136,6 @@ class FrameStore:
 
     def _missing(self, numbers: Sequence[int]) -> list[int]:
         return [n for n in numbers if not self._path(n).is_file()]
-
-    def _job(self, number: int) -> tuple[Path, list[EpisodeDrive], Source, tuple[int, int]]:
-        return self._path(number), list(self._chunks[number]), self._source, (self._seed, number)
 
     def _drop(self, keep: set[int]) -> None:
         """Delete chunks until the rest keeps to the bound; those in use last."""

@@ -29,7 +29,7 @@ TRIES = 4
 LEAST_LEARNED_VARIANTS = 4
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class CollectOptions:
     """Everything that `tsbench oracle collect` takes. request: which experts and scenarios.
 
@@ -39,11 +39,11 @@ class CollectOptions:
     """
 
     request: Request
-    out: Path
     learned_variants: int = VARIANTS
     tries: int = TRIES
     workers: int | None = None
     redrive: bool = False
+    out: Path
 
 
 @dataclass
@@ -106,7 +106,9 @@ def collect(options: CollectOptions, watcher: ProgressListener) -> Collected:
         for planner in planners:
             if not planner.privileged:
                 raise InputError(f"--planner {planner.spec}: is no expert: it is not told the rule")
-        manifest = new_manifest(contract, _asked(options), effective, planners)
+        asked = {**asdict(options), "out": str(options.out)}
+        del asked["redrive"]
+        manifest = new_manifest(contract, {**asked.pop("request"), **asked}, effective, planners)
         with closing(Collection(options.out, manifest, plan.table, planners, options.redrive)) as collection:
             for line in collection.notices:
                 watcher.notice(line)
@@ -137,8 +139,8 @@ def _collect(
         data=plan.data,
         split=plan.request.split,
         contract=collection.manifest["contract"],
-        runner="tsbench.learn.oracle.runner:OracleRunner",
-        recorder="tsbench.learn.oracle.runner:record_of",
+        runner="tsbench.learn.oracle.trajectories:OracleRunner",
+        recorder="tsbench.learn.oracle.trajectories:record_of",
         options={"most": options.tries, "probe": asdict(plan.table[0])},
     )
 
@@ -179,13 +181,3 @@ def chosen(rows: Sequence[ScenarioSpec], variants: int, first: int = 0) -> list[
         shuffled = sorted(group, key=lambda name: (seed_of(KIND, "variants", name), name))
         kept.update((shuffled[first:] + shuffled[:first])[:variants])
     return [row for row in rows if row.pair_name in kept]
-
-
-def _asked(options: CollectOptions) -> dict[str, Any]:
-    return {
-        **asdict(options.request),
-        "learned_variants": options.learned_variants,
-        "tries": options.tries,
-        "workers": options.workers,
-        "out": str(options.out),
-    }

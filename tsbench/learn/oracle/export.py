@@ -11,7 +11,6 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -41,39 +40,18 @@ SEEN = {"state": "ego", "route": "route", **{name: name for name in _TABLES}}
 REWARDS = ("progress", "violation", "needless", "end")
 
 
-@dataclass(frozen=True)
-class Driven:
-    """A drive's facts (text: scenario_id, planner, part, type, sign, half; and its number) and its ticks."""
-
-    index: int
-    facts: Mapping[str, str]
-    ticks: list[dict[str, Any]]
-
-
 def shapes(seen: SceneSeen) -> dict[str, tuple[int, ...]]:
     """Of what is flattened, by column."""
     return {f"observation.{name}": seen.space[key].shape for name, key in SEEN.items()}  # type: ignore[index]
 
 
-def driven(
-    index: int, drive: Recorded, row: ScenarioSpec, seen: SceneSeen, begin: Callable[[ScenarioSpec], Episode]
-) -> Driven:
-    """A drive, driven again. begin: makes the episode of a row. Raises SimulationError as a replay does."""
-    facts = {
-        "scenario_id": row.scenario_id,
-        "planner": drive.planner,
-        "part": drive.part,
-        "type": row.scenario_type,
-        "sign": row.sign_code,
-        "half": row.half,
-    }
-    return Driven(index, facts, list(_ticks(drive, row, seen, begin)))
-
-
-def _ticks(
+def ticks_of(
     drive: Recorded, row: ScenarioSpec, seen: SceneSeen, begin: Callable[[ScenarioSpec], Episode]
 ) -> Iterator[dict[str, Any]]:
-    """A drive's ticks: what is seen, the command, and what it earns. Raises SimulationError as a replay does."""
+    """The ticks of a drive, driven again: what is seen, the command, and what it earns.
+
+    begin: makes the episode of a row. Raises SimulationError as a replay does.
+    """
     replay = Replay(drive)
     episode = begin(row)
     if episode.result is not None:
@@ -123,11 +101,13 @@ def export(path: Path, split: str, out: Path, rank: int = 1, limit: int | None =
         with io_errors_as_input_errors(out), replacing(out) as part:
             with pq.ParquetWriter(part, schema, compression="zstd") as writer:
                 for drive in islice(chosen, limit):
-                    one = driven(drives, drive, rows[drive.scenario_id], seen, begin)
-                    flat = {**one.facts, "episode_index": one.index}
-                    writer.write_table(pa.Table.from_pylist([flat | tick for tick in one.ticks], schema=schema))
-                    card.add(one)
-                    drives, ticks = drives + 1, ticks + len(one.ticks)
+                    row = rows[drive.scenario_id]
+                    names = (drive.scenario_id, drive.planner, drive.part, row.scenario_type, row.sign_code, row.half)
+                    facts = dict(zip(_TEXT, names, strict=True))
+                    made = [{**facts, "episode_index": drives, **tick} for tick in ticks_of(drive, row, seen, begin)]
+                    writer.write_table(pa.Table.from_pylist(made, schema=schema))
+                    card.add(facts, len(made))
+                    drives, ticks = drives + 1, ticks + len(made)
             if not drives:
                 raise InputError(f"{path}: has no drive of split {split} up to rank {rank}")
             write_atomic(out.with_name(f"{out.stem}.{NAME}"), card.text(path, split, rank, limit).encode())
@@ -179,11 +159,11 @@ class Card:
         self._drives = self._ticks = 0
         self._of: dict[str, Counter[str]] = {name: Counter() for name in ("type", "half", "planner", "part")}
 
-    def add(self, drive: Driven) -> None:
+    def add(self, facts: Mapping[str, str], ticks: int) -> None:
         self._drives += 1
-        self._ticks += len(drive.ticks)
+        self._ticks += ticks
         for name, counter in self._of.items():
-            counter[drive.facts[name]] += 1
+            counter[facts[name]] += 1
 
     def text(self, table: Path, split: str, rank: int, limit: int | None) -> str:
         """Markdown. table: whose drives they are; the others as they were asked of `export`."""

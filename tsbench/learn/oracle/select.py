@@ -2,15 +2,17 @@
 
 Source: docs/oracle.md, "select". Of the experts without a network (the IDM kind) only the fastest counts; drives
 are ranked by the F-score of speed and comfort, Q = (1 + b^2) v s / (b^2 v + s) with b = 0.25. Beside the table of
-drives stand that of all tries and what they were made with.
+drives stand that of all tries and what they were made with. `stats` says what a table holds, `verify` whether it
+replays.
 """
 
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tsbench.core.errors import InputError
 from tsbench.core.seeds import seed_of
@@ -25,10 +27,17 @@ from tsbench.learn.oracle.store import (
     read_drives,
     read_tries,
 )
-from tsbench.learn.oracle.trajectories import Recorded, write_trajectories
+from tsbench.learn.oracle.trajectories import Recorded, Replayer, stream_trajectories, write_trajectories
 from tsbench.run.log.record import Row
 from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.sim.sumo import Simulation
+from tsbench.sim.world import DT_S
+
+if TYPE_CHECKING:
+    from tsbench.report.analyses.analysis import Analysis
+
 
 BETA = 0.25
 KEPT = 2
@@ -90,7 +99,13 @@ def select(folder: Path, path: Path, allow_partial: bool) -> Selected:
 
     Raises InputError: no collection, one that is not finished (unless `allow_partial`), or of other code or scenarios.
     """
-    rows = _check(folder, allow_partial)
+    data = DataSet.in_use()
+    manifest = read_collection(folder)
+    if manifest["status"] != "complete" and not allow_partial:
+        raise InputError(f"{folder}: its collection is not finished: run it again, or give --allow-partial")
+    if manifest["contract"] != basis(data):
+        raise InputError(f"{folder}: was collected with other rules or another SUMO: collect anew into another folder")
+    rows = {row.scenario_id: row for row in data.table(manifest["effective"]["split"])}
     tries = read_tries(folder)
     for one in tries:
         spec = rows.get(one["scenario_id"])
@@ -137,11 +152,46 @@ def _best(tries: Iterable[Row]) -> dict[str, list[tuple[Candidate, float]]]:
     return {scenario: rank(candidates) for scenario, candidates in sorted(found.items())}
 
 
-def _check(folder: Path, allow_partial: bool) -> dict[str, ScenarioSpec]:
-    data = DataSet.in_use()
-    manifest = read_collection(folder, "tsbench oracle collect makes one")
-    if manifest["status"] != "complete" and not allow_partial:
-        raise InputError(f"{folder}: its collection is not finished: run it again, or give --allow-partial")
-    if manifest["contract"] != basis(data):
-        raise InputError(f"{folder}: was collected with other rules or another SUMO: collect anew into another folder")
-    return {row.scenario_id: row for row in data.table(manifest["effective"]["split"])}
+def stats(path: Path, split: str) -> Analysis:
+    """The composition of a table. Raises InputError for drives of scenarios that the split does not have."""
+    from tsbench.report.analyses.oracle_composition import RankedDrive, composition  # brings matplotlib
+
+    rows = _rows(split)
+    chosen = [
+        RankedDrive(d.scenario_id, rows[d.scenario_id].group, d.planner, d.rank, d.part, len(d.commands) * DT_S)
+        for d in _drives(path, split, rows)
+        if d.rank
+    ]
+    return composition(chosen, Counter(row.group for row in rows.values()), split)
+
+
+def verify(path: Path, split: str, limit: int | None) -> int:
+    """Replay drives of a table, `limit` of them drawn by hash; returns how many.
+
+    Raises SimulationError, which says which and how, for one that comes out otherwise than it was recorded.
+    """
+    rows = _rows(split)
+    names = ((d.scenario_id, d.planner) for d in _drives(path, split, rows))
+    chosen = set(sorted(names, key=lambda name: seed_of(KIND, "verify", *name))[:limit])
+    simulation = Simulation()
+    replayer = Replayer(simulation, SceneLoader(DataSet.in_use()))
+    try:
+        # In the table's order, in which scenarios of a network follow each other.
+        for drive in stream_trajectories(path):
+            if (drive.scenario_id, drive.planner) in chosen:
+                replayer.replay(drive, rows[drive.scenario_id])
+    finally:
+        simulation.close()
+    return len(chosen)
+
+
+def _rows(split: str) -> dict[str, ScenarioSpec]:
+    return {row.scenario_id: row for row in DataSet.in_use().table(split)}
+
+
+def _drives(path: Path, split: str, rows: Mapping[str, ScenarioSpec]) -> Iterator[Recorded]:
+    """The drives of a table, one after the other. Raises InputError for one of a scenario that `rows` lack."""
+    for drive in stream_trajectories(path):
+        if drive.scenario_id not in rows:
+            raise InputError(f"{path}: scenario {drive.scenario_id} is not in {DataSet.in_use().table_path(split)}")
+        yield drive

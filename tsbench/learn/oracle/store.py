@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
@@ -22,8 +22,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic, write_json
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, columns, open_table, save_table
 from tsbench.core.provenance import digest, versions
-from tsbench.learn.oracle.runner import FIGURES, lost_try, unpack
-from tsbench.learn.oracle.trajectories import ORIGIN, Commands, Intents
+from tsbench.learn.oracle.trajectories import FIGURES, ORIGIN, Commands, Intents, lost_try, unpack
 from tsbench.run.log.folder import write_error
 from tsbench.run.log.journal import Content, Journal, Key, Quarantine, decode
 from tsbench.run.log.manifest import NAME, Manifest, difference, plain_planners, planners_of, read_manifest, timestamp
@@ -71,11 +70,6 @@ def basis(data: DataSet) -> str:
     return digest({"signs": data.catalog.contract_entries(data.catalog.signs), "versions": versions(["libsumo"])})
 
 
-def kind_of(planner: PlannerInfo) -> str:
-    """RULES or LEARNED."""
-    return RULES if planner.weights_sha256 is None else LEARNED
-
-
 class Collection:
     """A folder that this process collects into; to be closed.
 
@@ -113,7 +107,8 @@ class Collection:
             self.manifest = manifest if old is None else {**old, "versions": manifest["versions"]}
             self._save("running", finished=None)
         keys = [(name, scenario) for name in self._planners for scenario in self._rows]
-        self.journal = open_journal(path, manifest["contract"], keys, aside, self._sound)
+        basis_ = f"{KIND} {manifest['contract']}"
+        self.journal = Journal(path / _JOURNAL, keys, basis_, aside, self._sound, _whole, _OUTDATED)
         self.notices = [
             *aside.notices(),
             *(
@@ -153,7 +148,7 @@ class Collection:
         row = self.journal.read(key)["row"]
         spec = self._rows[row["scenario_id"]]
         head = {name: getattr(spec, name) for name in ("scenario_id", "scenario_type", "group", "map_id")}
-        head |= {"planner": row["planner"], "kind": kind_of(self._planners[row["planner"]])}
+        head |= {"planner": row["planner"], "kind": LEARNED if self._planners[row["planner"]].weights_sha256 else RULES}
         for one in row["tries"]:
             seconds = None if one["steps"] is None else round(one["steps"] * DT_S, 6)
             yield {**head, **one, "duration_s": seconds, "scenario": row["scenario"], "code": row["code"]}
@@ -175,13 +170,6 @@ class Collection:
         return sound
 
 
-def open_journal(
-    folder: Path, contract: str, keys: Sequence[Key], aside: Quarantine, sound: Callable[[Content], bool]
-) -> Journal:
-    """The journal of a collection, to be closed; its lines are of `keys`."""
-    return Journal(folder / _JOURNAL, keys, f"{KIND} {contract}", aside, sound, _whole, _OUTDATED)
-
-
 def check_folder(path: Path, new: Mapping[str, Any]) -> Manifest | None:
     """The manifest of a collection that may be continued, or None. Raises InputError for another thing.
 
@@ -198,11 +186,11 @@ def check_folder(path: Path, new: Mapping[str, Any]) -> Manifest | None:
     return old
 
 
-def read_collection(folder: Path, origin: str) -> Manifest:
-    """The manifest of a collection. Raises InputError, which names its origin (a command), without one."""
+def read_collection(folder: Path) -> Manifest:
+    """The manifest of a collection. Raises InputError without one."""
     manifest = read_manifest(folder)
     if manifest is None or manifest["effective"].get("collection") != KIND:
-        raise InputError(f"{folder / NAME}: no collection ({origin})")
+        raise InputError(f"{folder / NAME}: no collection (tsbench oracle collect makes one)")
     return manifest
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import ClassVar
 
-from tsbench.learn.plant2.planner_ft import Plant2Ft, StopPolicy
+from tsbench.learn.plant2.plant2_planner import Plant2Ft, StopPolicy
 from tsbench.learn.plant2.sign_tokens import SignMemory
 from tsbench.planners.base import Observation
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from tsbench.geometry.elementary import exp
 from tsbench.geometry.polyline import Array
-from tsbench.learn.networks.fixed_point import (
+from tsbench.learn.fixed_point import (
     BITS,
     LARGEST,
     SUM_BITS,
@@ -32,8 +32,8 @@ from tsbench.learn.networks.fixed_point import (
     softmax,
     tree_sum,
 )
-from tsbench.learn.plant2 import layout as at
-from tsbench.learn.plant2.layout import PATH, QUERIES, SIZES, SPEED, TILE, WAYPOINT
+from tsbench.learn.plant2 import tokens as at
+from tsbench.learn.plant2.tokens import PATH, QUERIES, SIZES, SPEED, TILE, WAYPOINT
 
 _FULL = 255
 

@@ -19,10 +19,10 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from tsbench.learn.plant2 import layout as at
+from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.engine import target_speed_of
-from tsbench.learn.plant2.layout import PATH, QUERIES, SIZES, SPEED, TILE, TILE_FEATURES, WAYPOINT
 from tsbench.learn.plant2.sign_tokens import vocabulary_of
+from tsbench.learn.plant2.tokens import PATH, QUERIES, SIZES, SPEED, TILE, TILE_FEATURES, WAYPOINT
 from tsbench.planners.batching import Infer
 
 
@@ -182,7 +182,7 @@ class Plant2Network(nn.Module):
         return torch.cat([*front, objects], dim=1), torch.cat([seen, kinds == at.EMPTY], dim=1)
 
     def forward(self, tokens: Mapping[str, Tensor], forecast: bool = True) -> NetworkPlan:
-        """The plan for a batch of `layout.TOKENS` as tensors; the last slots of objects may be left out."""
+        """The plan for a batch of `tokens.TOKENS` as tensors; the last slots of objects may be left out."""
         x = self.encode(*self.embed(tokens))
         plan = self.plan(x)
         return replace(plan, forecast=self.forecast(x, tokens["objects"].shape[1])) if forecast else plan
@@ -205,7 +205,7 @@ class Plant2Network(nn.Module):
 class Plant2FtNetwork(Plant2Network):
     """With tokens for signs, those that hold, ways on and the speed, whose head gives the target speed.
 
-    Inputs: `layout.SIGN_TOKENS`. classes: how many codes its vocabulary of signs has.
+    Inputs: `tokens.SIGN_TOKENS`. classes: how many codes its vocabulary of signs has.
     """
 
     def __init__(self, size: str, classes: int) -> None:
@@ -249,35 +249,21 @@ class Plant2FtNetwork(Plant2Network):
         return NetworkPlan(base.path, base.waypoints, per_sample(self.ego_speed_head, token)[:, 0], None)
 
 
-PUBLISHED_MEDIUM = 37_200_000
-PUBLISHED_ADDED = 147_976
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """A part of a network: its count, and the published one as it was written ("" where none was)."""
-
-    name: str
-    parameters: int
-    published: str = ""
-
-
-def parts(size: str) -> list[Part]:
-    """Parts of `plant2` and of what `plant2-ft` adds, each with its sum."""
-    words = vocabulary_of()
-    base = _counts(Plant2Network(size))
-    tuned = _counts(Plant2FtNetwork(size, len(words.codes)))
-    of_medium = size == "medium"
+def parts(size: str) -> list[tuple[str, int, str]]:
+    """Parameters of parts of `plant2` and of what `plant2-ft` adds, each with its sum, and the published number."""
+    nets = Plant2Network(size), Plant2FtNetwork(size, len(vocabulary_of().codes))
+    base, tuned = (_parameters_of(net) for net in nets)
+    medium = size == "medium"
     added = tuned.total() - base.total() - tuned["ways"]
     return [
-        *(Part(name, count) for name, count in base.items()),
-        Part("plant2", base.total(), "37.2 M" if of_medium else ""),
-        *(Part(f"+ {name}", count) for name, count in tuned.items() if name not in base),
-        Part("added by plant2-ft but ways", added, f"{PUBLISHED_ADDED:,}" if of_medium else ""),
+        *((name, count, "") for name, count in base.items()),
+        ("plant2", base.total(), "37.2 M" if medium else ""),
+        *((f"+ {name}", count, "") for name, count in tuned.items() if name not in base),
+        ("added by plant2-ft but ways", added, f"{147_976:,}" if medium else ""),
     ]
 
 
-def _counts(net: Plant2Network) -> Counter[str]:
+def _parameters_of(net: Plant2Network) -> Counter[str]:
     found: Counter[str] = Counter()
     for name, parameter in net.named_parameters():
         found[name.partition(".")[0]] += parameter.numel()

@@ -17,7 +17,7 @@ from functools import cached_property
 from pathlib import Path
 
 from tsbench.core.errors import InputError
-from tsbench.learn.plant2 import layout as at
+from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.tokens import Pose
 from tsbench.planners.base import Observation, SignView
 from tsbench.planners.helpers import identified

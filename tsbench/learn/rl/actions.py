@@ -6,6 +6,9 @@ aimed at enters squared, which makes small corrections fine, and lies at most a 
 present one, which keeps swerves smooth at every speed. Both numbers hold for several ticks; the steering that they mean
 is computed at each tick.
 `steer` is the plain vehicle: the second number is the steering angle.
+`exit` may leave the navigation's way: the edges behind the next junction that lead to the destination are counted from
+the navigation's: 0 follows it. The ego drives along a path through the one asked for as `aim` does along the route, and
+tells other traffic so (`Control.intent`).
 
 `LearnedPlanner` is what `ppo` and `carl` have in common: an encoder, a network of two actions, and actions that hold
 for 0.3 s. Both drive as they learned to: by draws from their densities, not by mean or mode, which hesitate where the
@@ -17,7 +20,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -26,6 +31,7 @@ import numpy as np
 from tsbench.geometry.elementary import Array, exp_of, log, log_of, polynomial
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.batching import Infer, Records
+from tsbench.roads.lane_graph import MapGraph, RoutePath, heading_change, shortest_ways
 from tsbench.sim.ego import MAX_STEER_RAD, pursue
 
 Act = Callable[[float, float, Observation], Control]
@@ -80,7 +86,96 @@ def steer(first: float, second: float, observation: Observation) -> Control:  # 
     return Control(accelerate(first), MAX_STEER_RAD * min(max(second, -1.0), 1.0))
 
 
-ACTIONS: dict[str, Act] = {"aim": aim, "steer": steer}
+_FASTEST_MPS, _GAIN_PER_S = 25.0, 1.0
+
+
+def cruise(first: float, second: float, observation: Observation) -> Control:
+    """A speed to drive at, -1 = 0 and 1 = 25 m/s, and a place beside the route as `aim` has it.
+
+    A number that does not change keeps a limit; with `aim` that needs ever new ones.
+    """
+    wanted = _FASTEST_MPS * (min(max(first, -1.0), 1.0) + 1.0) / 2.0
+    wish = _GAIN_PER_S * (wanted - observation.ego.speed)
+    command = min(max(wish, accelerate(-1.0)), accelerate(1.0))
+    return replace(aim(0.0, second, observation), acceleration=command)
+
+
+PLAIN: dict[str, Act] = {"aim": aim, "steer": steer, "cruise": cruise}
+EXIT = "exit"
+_WINDOW_M = 30.0
+_PLACES = 3
+
+
+class ExitAction:
+    """Remembers the way that it is on; make one per environment."""
+
+    def reset(self, context: PlannerContext) -> None:
+        """An episode begins."""
+        self._context = context
+        self._ways = ways_to(context.graph, context.destination.edge)
+        self._at = ("", "")
+        self._path: RoutePath | None = None
+        self._s = 0.0
+
+    def __call__(self, first: float, second: float, third: float, observation: Observation) -> Control:
+        """third: which exit, in thirds: around 1/3 the next one to the left of the navigation's, 2/3 the one after."""
+        lane, graph = observation.ego.lane, self._context.graph
+        # In a junction, and off all lanes, the way stands.
+        if lane >= 0 and not self._context.network.lanes[lane].internal:
+            edge = graph.edge_of(lane)
+            asked = (edge, self._exit(edge, third, observation.route.path.edges))
+            if asked != self._at:
+                self._at, self._path, self._s = asked, self._way(asked, observation), 0.0
+        if self._path is None:
+            return aim(first, second, observation)
+        ego, line = observation.ego, self._path.line
+        s, d = line.project(ego.x, ego.y, self._s - _WINDOW_M, self._s + _WINDOW_M)
+        self._s = s
+        shown = replace(observation.route, path=self._path, s=s, d=d)
+        return replace(aim(first, second, replace(observation, route=shown)), intent=self._path.edges)
+
+    def exits(self, edge: str) -> tuple[str, ...]:
+        """The edges behind an edge's end from which a way leads to the destination, from right to left."""
+        found = [onward for onward in self._context.graph.successors(edge) if onward in self._ways]
+        return tuple(sorted(found, key=lambda onward: (self._turn(edge, onward), onward)))
+
+    def _turn(self, edge: str, onward: str) -> float:
+        return heading_change(self._context.network, edge, onward)
+
+    def _exit(self, edge: str, third: float, route: tuple[str, ...]) -> str:
+        """Empty where the edge is the destination's, the navigation's way is elsewhere, or no way leads on."""
+        if edge == self._context.destination.edge or edge not in route[:-1]:
+            return ""
+        found, own = self.exits(edge), route[route.index(edge) + 1]
+        if own not in found:
+            return ""
+        place = found.index(own) + round(_PLACES * min(max(third, -1.0), 1.0))
+        return found[min(max(place, 0), len(found) - 1)]
+
+    def _way(self, asked: tuple[str, str], observation: Observation) -> RoutePath | None:
+        """A path through the exit; None = the navigation's, where that goes there or no lane leads there."""
+        edge, exit_ = asked
+        if not exit_ or (edge, exit_) in pairwise(observation.route.path.edges):
+            return None
+        graph, to = self._context.graph, self._context.destination
+        onward = graph.route(exit_, to.edge)
+        ego = observation.ego
+        return None if onward is None else graph.path((edge, *onward), ego.lane, max(ego.s, 0.0), to)
+
+
+def ways_to(graph: MapGraph, target: str) -> dict[str, float]:
+    """From the start of each edge that leads there, m to the start of `target`, along edges."""
+    edges, roads = list(graph.network.edges), graph.network.edges
+    number = {edge: k for k, edge in enumerate(edges)}
+    before: list[list[int]] = [[] for _ in edges]
+    for edge in edges:
+        for following in graph.successors(edge):
+            before[number[following]].append(number[edge])
+
+    def back(k: int, cost: float) -> Iterator[tuple[int, float]]:
+        return ((source, cost + roads[edges[source]].length) for source in before[k])
+
+    return {edges[k]: reached.cost for k, reached in shortest_ways(number[target], back).items()}
 
 
 # What the networks answer: two numbers of -1..1.
@@ -122,11 +217,6 @@ class LearnedPlanner(ABC):
             first, second = self.infer(self.encode(observation))["action"][0].tolist()
             self._action = first, second
         return aim(*self._action, observation)
-
-    def act_batch(self, observations: Sequence[Observation]) -> list[Control]:
-        """A fresh decision for each of several observations on the present roads; each as it would be alone."""
-        actions = self.infer(np.concatenate([self.encode(o) for o in observations]))["action"].tolist()
-        return [aim(first, second, o) for (first, second), o in zip(actions, observations, strict=True)]
 
     def encode(self, observation: Observation) -> Records:
         """(1,) record of `inputs`."""

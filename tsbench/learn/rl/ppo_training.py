@@ -338,7 +338,7 @@ def _export(job: Job, hyper: Hyper, model: PPO, progress: RlProgress) -> Network
         "more": list(job.more),
         "workers": job.workers,
         "device": job.device,
-        "hyper": {name: getattr(hyper, name) for name in Hyper.__slots__},
+        "hyper": asdict(hyper),
         "torch": torch.__version__,
     }
     draw_rl(job.out)

@@ -24,6 +24,8 @@ from tsbench.sim.navigation import RouteView
 K = TypeVar("K")
 V = TypeVar("V")
 
+# Of `carl`'s raster, and the numbers beside it.
+CHANNELS, PIXELS, MEASUREMENTS = 9, 128, 10
 _MOST = 4
 
 

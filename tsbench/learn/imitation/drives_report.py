@@ -18,11 +18,10 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
 from tsbench.core.seeds import rng_of
 from tsbench.geometry.polyline import Array
-from tsbench.learn.finetune.recipe import FineTuning
-from tsbench.learn.finetune.targets import FAMILIES
-from tsbench.learn.imitation.frames import EpisodeDrive
 from tsbench.learn.imitation.frames_store import FrameStore, TrainingResources
-from tsbench.learn.plant2 import layout as at
+from tsbench.learn.imitation.recipe import FineTuning
+from tsbench.learn.imitation.targets import FAMILIES, EpisodeDrive
+from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.sign_tokens import Vocabulary
 from tsbench.report.charts import GREY, GROUP_COLOURS, INK, PALE, save_chart
 from tsbench.report.drawing.canvas import STYLE, Area, Body, Camera, Image, Line, Shape, dashes

@@ -1,7 +1,8 @@
-"""The bird's-eye raster that `carl` sees: nine channels, 2 px/m, the ego's heading up. Blind to signs.
+"""`carl`: a bird's-eye raster through a small CNN; its Beta densities are drawn from. Blind to signs.
 
-Source: docs/planners.md; Jaeger et al., "CaRL", arXiv 2504.17838, whose raster is 256 x 256. Here it is 128 x 128:
-48 m ahead, 16 m behind and 32 m to each side, which a CPU can learn from. The channels keep the reference's layout:
+The raster has nine channels, 2 px/m, the ego's heading up. Source: docs/planners.md; Jaeger et al., "CaRL", arXiv
+2504.17838, whose raster is 256 x 256. Here it is 128 x 128: 48 m ahead, 16 m behind and 32 m to each side, which a CPU
+can learn from. The channels keep the reference's layout:
 
 0 drivable, 1 route, 2 lane lines, 3 lights (the maps have none), 4 stop signs (empty: no sign is seen), 5 speed limits
 (the road's own, 255 = 22.2 m/s), 6 vehicles (brighter when faster, with a trail of where a second takes them),
@@ -13,13 +14,22 @@ What stands still is drawn once per network, the route once per path; each tick 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
 import numpy.typing as npt
 
+from tsbench.geometry.elementary import exp, log
 from tsbench.geometry.polyline import Array
-from tsbench.learn.networks.shared_inputs import (
+from tsbench.learn.fixed_point import BITS, LARGEST, Convolution, Linear, Parameters, rectified, snap
+from tsbench.learn.rl.actions import DRAW, TWO_ACTIONS, LearnedPlanner, beta_quantile
+from tsbench.learn.shared_inputs import (
+    CHANNELS,
+    MEASUREMENTS,
+    PIXELS,
     Packed,
     Recent,
     RouteSpeed,
@@ -32,6 +42,8 @@ from tsbench.learn.networks.shared_inputs import (
     repack,
 )
 from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.batching import Infer, Records
+from tsbench.planners.weights import fitted
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import RoadMap
 from tsbench.sim.ego import MAX_SPEED_MPS
@@ -40,9 +52,7 @@ from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, Box
 Raster = npt.NDArray[np.uint8]
 Measured = npt.NDArray[np.float32]
 
-CHANNELS, PIXELS, PX_PER_M = 9, 128, 2.0
-MEASUREMENTS = 10
-
+PX_PER_M = 2.0
 DRIVABLE, ROUTE, LINES, LIGHTS, STOPS, LIMITS, VEHICLES, OTHERS, EGO = range(CHANNELS)
 _STATIC = (DRIVABLE, ROUTE, LINES, LIMITS)
 _ROW, _COLUMN = 96.0, 64.0
@@ -115,7 +125,7 @@ class RasterEncoder:
         return self.raster(observation), self.measure(observation)
 
     def measure(self, o: Observation) -> Measured:
-        """Motion 4, route 2, pace 3 (`networks.shared_inputs`), and how far left the route is 14 m on."""
+        """Motion 4, route 2, pace 3 (`shared_inputs`), and how far left the route is 14 m on."""
         numbers = (*motion(o), *on_route(o), *pace(o, self._speed), ahead(o, _AHEAD_M)[1])
         return np.array(numbers, dtype=np.float32)
 
@@ -168,3 +178,87 @@ def _corners(box: Box, x: float, y: float, c: float, s: float) -> npt.NDArray[np
         ],
         dtype=np.float64,
     ).astype(np.int32)
+
+
+# Measurements are about -1..1; what is beyond is cut, which bounds all that follows.
+_MOST = 8.0
+_STRIDES = (4, 2, 2)
+
+
+class CarlEngine:
+    """(b,) records to (b, 2, 2) parameters of the Beta densities of both actions: without torch, the same actions in
+    the same bits, on every CPU and in every batch.
+
+    Raises KeyError or ValueError for weights that are not those of the network.
+    """
+
+    def __init__(self, weights: Mapping[str, npt.NDArray[Any]]) -> None:
+        of = Parameters(weights)
+        self._convolutions: list[Convolution] = []
+        # Pixels are whole numbers: the first weights may be so much finer.
+        bound, bits, scale = float(_FULL), 0, float(_FULL)
+        for k, stride in enumerate(_STRIDES):
+            weight, bias = of.linear(f"trunk.image.{2 * k}")
+            self._convolutions.append(Convolution(weight / scale, bias, stride, bound=bound, bits=bits))
+            bound, bits, scale = LARGEST, BITS, 1.0
+        self._wide, self._joint = (Linear(*of.linear(f"trunk.{name}.0"), bound=LARGEST) for name in ("wide", "joint"))
+        self._measured = Linear(*of.linear("trunk.measured.0"), bound=_MOST)
+        self._action = Linear(*of.linear("action"), bound=LARGEST, snapped=None)
+        of.end()
+        if self._measured.weight.shape[1] != MEASUREMENTS:
+            raise ValueError(f"{self._measured.weight.shape[1]} measurements")
+
+    def __call__(self, records: Records) -> Array:
+        x: Any = records["bev"].transpose(0, 2, 3, 1)
+        for convolution in self._convolutions:
+            x = rectified(convolution(x))
+        seen = rectified(self._wide(x.transpose(0, 3, 1, 2).reshape(len(x), -1)))
+        told = snap(np.clip(records["measurements"].astype(np.float64), -_MOST, _MOST))
+        latent = rectified(self._joint(np.concatenate([seen, rectified(self._measured(told))], axis=1)))
+        raw = self._action(latent)
+        # 1 + softplus: each parameter is above 1.
+        return (1.0 + np.maximum(raw, 0.0) + log(1.0 + exp(-np.abs(raw)))).reshape(-1, 2, 2)
+
+
+WEIGHTS = "carl"
+RECORD = np.dtype([("bev", np.uint8, (CHANNELS, PIXELS, PIXELS)), ("measurements", np.float32, (MEASUREMENTS,)), DRAW])
+
+
+class Carl(LearnedPlanner):
+    """The planner."""
+
+    inputs: ClassVar[np.dtype[Any]] = RECORD
+    served_on: ClassVar[tuple[str, ...]] = ("cuda",)
+
+    def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
+        super().__init__(infer, folder)
+        self._encoder = RasterEncoder()
+
+    @staticmethod
+    def network(device: str, folder: Path | None = None) -> Infer:
+        """The CNN: by the engine on a CPU, by torch on a GPU."""
+        densities: Callable[[Records], Array]
+        if device == "cpu":
+            densities = fitted(WEIGHTS, folder, CarlEngine)
+        else:
+            from tsbench.learn.rl.policy import densities_by_torch
+
+            densities = fitted(WEIGHTS, folder, lambda weights: densities_by_torch(weights, device))
+
+        def infer(records: Records) -> Records:
+            answers = np.empty(len(records), dtype=TWO_ACTIONS)
+            found, draws = densities(records).tolist(), records["draw"].tolist()
+            answers["action"] = [
+                [2.0 * beta_quantile(a, b, p) - 1.0 for a, b, p in zip(*pair, draw, strict=True)]
+                for pair, draw in zip(found, draws, strict=True)
+            ]
+            return answers
+
+        return infer
+
+    def reset(self, context: PlannerContext) -> None:
+        super().reset(context)
+        self._encoder.reset(context)
+
+    def fill(self, record: Records, observation: Observation) -> None:
+        record["bev"][0], record["measurements"][0] = self._encoder.encode(observation)

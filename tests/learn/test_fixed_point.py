@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 
+import cv2
 import numpy as np
 import pytest
 from scipy.special import betaincinv, erf, ndtri
 
-from tsbench.learn.networks.fixed_point import (
+from tsbench.learn.fixed_point import (
     BITS,
     Convolution,
     GroupNorm,
@@ -22,6 +24,7 @@ from tsbench.learn.networks.fixed_point import (
     tree_sum,
 )
 from tsbench.learn.rl.actions import beta_quantile, normal_quantile
+from tsbench.learn.shared_inputs import cut, pack, repack
 
 RNG = np.random.default_rng(7)
 
@@ -39,13 +42,6 @@ def test_a_product_is_the_exact_sum() -> None:
     assert (x[:, order] @ linear.weight[:, order].T).tobytes() == sums.tobytes()
     assert np.abs(linear(x) - (x @ weight.T + bias)).max() < 1e-4
     assert np.abs(linear(x)).max() <= linear.bound
-
-
-def test_without_rounding_the_order_shows() -> None:
-    """What the test above would find in ordinary numbers."""
-    weight, x = RNG.normal(size=(64, 300)), RNG.normal(size=(64, 300))
-    order = RNG.permutation(300)
-    assert (x[:, order] @ weight[:, order].T).tobytes() != (x @ weight.T).tobytes()
 
 
 def test_the_worst_input_is_still_exact() -> None:
@@ -138,3 +134,41 @@ def test_quantiles() -> None:
     a, b, p = (RNG.uniform(1.0, 40.0, 300), RNG.uniform(1.0, 40.0, 300), RNG.random(300))
     found = [beta_quantile(*three) for three in zip(a.tolist(), b.tolist(), p.tolist(), strict=True)]
     assert np.abs(found - betaincinv(a, b, p)).max() < 1e-10
+
+
+def drawing(seed: int) -> np.ndarray:
+    noise = np.random.default_rng(seed).integers(0, 256, (90, 70), dtype=np.uint8)
+    return cv2.GaussianBlur(noise, (0, 0), 2.0)
+
+
+def test_it_is_opencvs_cut_out() -> None:
+    channels = [drawing(seed) for seed in range(4)]
+    packed = pack(channels)
+    inside = 0
+    for _ in range(40):
+        angle, (x, y) = RNG.uniform(-3.0, 3.0), RNG.uniform(-60.0, 150.0, 2)
+        c, s = math.cos(angle), math.sin(angle)
+        matrix = np.array([[c, -s, x], [s, c, y]])
+        found = cut(packed, matrix, 4, 32, 48)
+        for mine, channel in zip(found, channels, strict=True):
+            flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+            its = cv2.warpAffine(channel, matrix, (48, 32), flags=flags)
+            assert np.abs(mine.astype(int) - its).max() <= 2
+            inside += int((its > 0).sum())
+    assert inside > 10_000
+
+
+def test_a_channel_is_replaced_and_the_others_are_not() -> None:
+    channels = [drawing(seed) for seed in range(3)]
+    packed, other = pack(channels), drawing(9)
+    repack(packed, 1, other)
+    assert packed.tobytes() == pack([channels[0], other, channels[2]]).tobytes()
+
+
+def test_whole_pixels_are_themselves_and_outside_is_nothing() -> None:
+    channel = drawing(1)
+    packed = pack([channel])
+    still = np.array([[1.0, 0.0, 3.0], [0.0, 1.0, 5.0]])
+    assert (cut(packed, still, 1, 20, 30)[0] == channel[5:25, 3:33]).all()
+    for x, y in ((-1e6, 0.0), (1e6, 0.0), (0.0, -1e6), (0.0, 1e6)):
+        assert not cut(packed, np.array([[1.0, 0.0, x], [0.0, 1.0, y]]), 1, 20, 30).any()

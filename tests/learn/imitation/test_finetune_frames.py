@@ -14,13 +14,12 @@ from tsbench.episode.observation import destination_on_map
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACTLY, Perception, load_level
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.learn.finetune.obedient_frames import FinetuneSource, RecordedDrive, TakeoverDrive
-from tsbench.learn.finetune.targets import FinetuneSampling
 from tsbench.learn.imitation.frames import DriveResult, Drivers, PlannerDrive, observations
 from tsbench.learn.imitation.frames_store import plan_hash
+from tsbench.learn.imitation.targets import FinetuneSampling, FinetuneSource, RecordedDrive, TakeoverDrive
 from tsbench.learn.oracle.trajectories import QuantisedPlanner, Recorded, fingerprints, steps_of
-from tsbench.learn.plant2 import layout as at
-from tsbench.learn.plant2.planner_ft import Plant2Ft
+from tsbench.learn.plant2 import tokens as at
+from tsbench.learn.plant2.plant2_planner import Plant2Ft
 from tsbench.learn.plant2.sign_tokens import vocabulary_of
 from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.base import PlannerContext
@@ -73,7 +72,6 @@ def held(frames: at.Records) -> list[tuple[str, float]]:
 def test_a_recorded_drive_shows_what_the_planner_sees_in_use(row: ScenarioSpec, drivers: Drivers) -> None:
     recording = drivers.kept("recording", Recording)
     result = recording.run(row)
-    assert result.facts is not None
     ego, others = fingerprints(result.facts.snapshots)
     recorded = Recorded(
         scenario_id=row.scenario_id, planner="idm-e", attempt=0, part="train", rank=1, quality=None, comfort=None,
@@ -81,7 +79,6 @@ def test_a_recorded_drive_shows_what_the_planner_sees_in_use(row: ScenarioSpec, 
     )  # fmt: skip
     drive = RecordedDrive(row, recorded)
     driven = drive.run(drivers)
-    assert driven is not None
     assert is_scd(driven.facts)
     frames = SOURCE.frames(driven, drivers, np.random.default_rng(0))
     own = frames[::2]
@@ -113,7 +110,6 @@ def test_a_recorded_drive_shows_what_the_planner_sees_in_use(row: ScenarioSpec, 
 
 def test_a_drive_that_disobeyed_teaches_nothing(row: ScenarioSpec, drivers: Drivers) -> None:
     driven = PlannerDrive(row, "idm").run(drivers)
-    assert driven is not None
     assert not is_scd(driven.facts)
     assert len(SOURCE.frames(driven, drivers, np.random.default_rng(0))) == 0
 
@@ -122,9 +118,7 @@ def half(drivers: Drivers, kind: str, name: str, planner: str) -> DriveResult:
     """A planner's drive of one half of a pair of this type."""
     rows = DataSet.in_use().table("test")
     row = next(r for r in rows if r.pair_type == kind and r.half == name and r.variant == 0)
-    driven = PlannerDrive(row, planner).run(drivers)
-    assert driven is not None
-    return driven
+    return PlannerDrive(row, planner).run(drivers)
 
 
 def test_masked_frames_show_posts_and_are_answered_as_the_plate_asks(drivers: Drivers) -> None:
@@ -167,11 +161,8 @@ def test_the_expert_takes_over_from_where_the_student_got_to(
 ) -> None:
     drive = TakeoverDrive(row, "idm-e", 8, student, "0")
     first, second = drive.run(drivers), drive.run(drivers)
-    assert first is not None
-    assert second is not None
     assert fingerprints(first.facts.snapshots) == fingerprints(second.facts.snapshots)
     alone = PlannerDrive(row, "idm-e").run(drivers)
-    assert alone is not None
     egos = [(d.facts.snapshots[8].ego.x, d.facts.snapshots[8].ego.speed) for d in (first, alone)]
     assert egos[0] != egos[1]
     assert first.since == 8

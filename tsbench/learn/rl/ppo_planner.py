@@ -1,14 +1,15 @@
-"""The 275 numbers that `ppo` sees: 9 ego, 10 navigation, 16 neighbours, 240 lidar. Sign-blind.
+"""`ppo`: 275 numbers through an MLP of 256 and 256 with tanh, whose Gaussian is drawn from. Sign-blind.
 
-Source: docs/planners.md. Parts and sizes are MetaDrive's (Li et al., arXiv 2109.12674), what is in them is not:
-that is `tsbench.bridges.metadrive.MetaDriveEyes`. All are about -1..1, float32:
+Source of the numbers: docs/planners.md. Parts and sizes are MetaDrive's (Li et al., arXiv 2109.12674), what is in them
+is not: that is `tsbench.bridges.metadrive.MetaDriveEyes`. All are about -1..1, float32:
 
-* ego: speed, acceleration, steering, yaw rate, offset from the route, heading against it, room to the left and to the
-  right, speed that bends and the road's own limits allow
-* navigation: four points of the route (forward, left) each over its distance ahead; way to go (over 100 m); limit
-* neighbours: the four that come closest, the first obstacle among them: place (forward, left, over 50 m), speed
+* 9 of the ego: speed, acceleration, steering, yaw rate, offset from the route, heading against it, room to the left and
+  to the right, speed that bends and the road's own limits allow
+* 10 of the navigation: four points of the route (forward, left) each over its distance ahead; way to go (over 100 m);
+  limit
+* 16 of neighbours: the four that come closest, the first obstacle among them: place (forward, left, over 50 m), speed
   against the ego (over 20 m/s)
-* lidar: 240 distances over 50 m from the ego's centre, ray 0 ahead, counter-clockwise
+* 240 of the lidar: distances over 50 m from the ego's centre, ray 0 ahead, counter-clockwise
 
 For the lidar everything is segments. A segment seen from the ego covers an interval of angles, so only the rays in it
 are cut: a few rays a segment instead of all rays with all segments. Units: m, rad.
@@ -17,16 +18,22 @@ are cut: a few rays a segment instead of all rays with all segments. Units: m, r
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 import shapely
 
-from tsbench.geometry.elementary import arctan2
+from tsbench.geometry.elementary import arctan2, exp
 from tsbench.geometry.overlap import strip
 from tsbench.geometry.polyline import Array
-from tsbench.learn.networks.shared_inputs import Recent, RouteSpeed, ahead, clip, motion, on_route, pace
+from tsbench.learn.fixed_point import Linear, Parameters, snap, tanh
+from tsbench.learn.rl.actions import DRAW, TWO_ACTIONS, LearnedPlanner, normal_quantile
+from tsbench.learn.shared_inputs import Recent, RouteSpeed, ahead, clip, motion, on_route, pace
 from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.batching import Infer, Records
+from tsbench.planners.weights import Tensors, fitted
 from tsbench.roads.road_map import RoadMap
 from tsbench.sim.scene import Obstacle
 
@@ -203,3 +210,52 @@ def _neighbours(o: Observation) -> list[float]:
     for _, dx, dy, ux, uy in bodies[:_NEIGHBOURS]:
         out += [dx / REACH_M, dy / REACH_M, clip(ux / _PASSING_MPS), clip(uy / _PASSING_MPS)]
     return out + list(_NOBODY) * (_NEIGHBOURS - min(len(bodies), _NEIGHBOURS))
+
+
+WEIGHTS = "ppo"
+RECORD = np.dtype([("vector", np.float32, (SIZE,)), DRAW])
+# Inputs are about -1..1; what is beyond is cut, which bounds all that follows.
+_MOST = 8.0
+
+
+class Ppo(LearnedPlanner):
+    """The planner."""
+
+    inputs: ClassVar[np.dtype[Any]] = RECORD
+    # A GPU gains nothing at this size.
+    served_on: ClassVar[tuple[str, ...]] = ()
+
+    def __init__(self, infer: Infer | None = None, folder: Path | None = None) -> None:
+        super().__init__(infer, folder)
+        self._encoder = VectorEncoder()
+
+    @staticmethod
+    def network(device: str, folder: Path | None = None) -> Infer:  # noqa: ARG004
+        """The MLP, on the CPU whatever the device."""
+        return fitted(WEIGHTS, folder, _network)
+
+    def reset(self, context: PlannerContext) -> None:
+        super().reset(context)
+        self._encoder.reset(context)
+
+    def fill(self, record: Records, observation: Observation) -> None:
+        record["vector"][0] = self._encoder.encode(observation)
+
+
+def _network(weights: Tensors) -> Infer:
+    of = Parameters(weights)
+    first = Linear(*of.linear("hidden.0"), bound=_MOST, snapped=None)
+    second, action = (Linear(*of.linear(name), bound=1.0, snapped=None) for name in ("hidden.1", "action"))
+    width = exp(of.take("action.log_std").astype(np.float64))
+    of.end()
+    if (first.weight.shape[1], action.weight.shape[0]) != (SIZE, len(width)):
+        raise ValueError(f"{first.weight.shape[1]} inputs, {action.weight.shape[0]} actions")
+
+    def infer(records: Records) -> Records:
+        x = snap(np.clip(records["vector"].astype(np.float64), -_MOST, _MOST))
+        mean = action(tanh(second(tanh(first(x)))))
+        answers = np.empty(len(records), dtype=TWO_ACTIONS)
+        answers["action"] = mean + width * normal_quantile(records["draw"])
+        return answers
+
+    return infer

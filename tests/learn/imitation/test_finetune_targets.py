@@ -10,9 +10,8 @@ import pytest
 
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.geometry.polyline import Polyline
-from tsbench.learn.finetune.obedient_frames import SIGN_FRAME
-from tsbench.learn.finetune.targets import FAMILIES, TARGET_SPECS, FinetuneSampling, SignTargets
 from tsbench.learn.imitation.frames import DriveResult
+from tsbench.learn.imitation.targets import FAMILIES, SIGN_FRAME, TARGET_SPECS, FinetuneSampling, SignTargets
 from tsbench.planners.base import Observation
 from tsbench.scenarios.scene_loader import Roads
 from tsbench.signs.catalog import load_catalog
@@ -89,7 +88,7 @@ def test_a_stop_of_an_instant_is_wished_for_before_and_left_after() -> None:
 
 
 def test_a_minimum_is_exceeded_a_little_unless_somebody_is_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
-    import tsbench.learn.finetune.targets as targets
+    import tsbench.learn.imitation.targets as targets
 
     obeyed = teacher("4.6", np.full(200, 7.0), 40.0)
     seen = SimpleNamespace(

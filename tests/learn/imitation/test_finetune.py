@@ -8,25 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from training_helpers import break_off, fresh_blind, fresh_tuned, fresh_weights
+from training_helpers import fresh_blind, fresh_tuned, fresh_weights, store_frames, straight_frames
 
 from tsbench.core.errors import InputError
-from tsbench.learn.finetune.drives_report import report
-from tsbench.learn.finetune.obedient_frames import SIGN_FRAME, FinetuneSource, RecordedDrive, TakeoverDrive
-from tsbench.learn.finetune.recipe import FineTuning, finetune_drives
-from tsbench.learn.finetune.targets import FAMILIES
-from tsbench.learn.finetune.task import beginning, capped_batches, fine_tuning, quotas, share_of
 from tsbench.learn.imitation import trainer
+from tsbench.learn.imitation.drives_report import report
 from tsbench.learn.imitation.frames import PlannerDrive
 from tsbench.learn.imitation.frames_store import TrainingResources, plan_hash
-from tsbench.learn.imitation.recipe import kept_for_validation
-from tsbench.learn.imitation.skill import Skill
-from tsbench.learn.imitation.task import ImitationTask
+from tsbench.learn.imitation.recipe import FineTuning, Skill, finetune_drives, kept_for_validation
+from tsbench.learn.imitation.targets import FAMILIES, SIGN_FRAME, FinetuneSource, RecordedDrive, TakeoverDrive
+from tsbench.learn.imitation.task import ImitationTask, beginning, capped_batches, fine_tuning, quotas, share_of
 from tsbench.learn.imitation.trainer import train
 from tsbench.learn.oracle.trajectories import Recorded, write_trajectories
-from tsbench.learn.plant2 import layout as at
-from tsbench.learn.plant2.planner_ft import Plant2Blind, Plant2Ft
+from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.plant2_network import Plant2Network
+from tsbench.learn.plant2.plant2_planner import Plant2Blind, Plant2Ft
 from tsbench.learn.plant2.sign_tokens import vocabulary_of
 from tsbench.planners.weights import load_weights
 from tsbench.scenarios.data_set import DataSet
@@ -53,17 +49,9 @@ def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def made_up(count: int, seed: int = 0) -> at.Records:
     """Frames of straight driving; who sees 4.1.1 wishes 2 m/s, the others 11."""
-    rng = np.random.default_rng(seed)
-    frames: at.Records = np.zeros(count, dtype=SIGN_FRAME)
+    rng, frames = np.random.default_rng(seed), straight_frames(count, SIGN_FRAME, seed)
     frames["family"] = rng.integers(0, len(FAMILIES), count)
     frames["type"] = rng.integers(0, 29, count)
-    for k in range(count):
-        n = int(rng.integers(0, 12))
-        frames["kinds"][k, :n] = at.CAR
-        frames["objects"][k, :n] = rng.normal(size=(n, at.OBJECT_FEATURES))
-    frames["path"][..., 0] = np.arange(1, 21)
-    frames["path_known"] = 1
-    frames["route"] = frames["path"] / at.POSITION_SCALE_M
     seen = frames["family"] % 2 == 0
     frames["sign_classes"][seen, 0] = 12
     frames["held_classes"][seen, 0] = 12
@@ -163,43 +151,29 @@ def prepared(
     monkeypatch.setattr(trainer, "measure", lambda *_: next(told))
     recipe = FineTuning(base=base, drivers=("idm-e",), drives=40, epochs=3, batch=16, validation=4, rate=1e-3)
     source = FinetuneSource(recipe.sampling, recipe.vocabulary())
-    folder = out / "frames" / plan_hash(finetune_drives(rows, recipe), source, recipe.seed)
-    folder.mkdir(parents=True, exist_ok=True)
-    for number in range(2):
-        np.save(folder / f"chunk-{number:05d}.npy", made_up(96, number))
-    return fine_tuning(recipe, rows), TrainingResources(out, "cpu", 1, 10**9)
+    plan = plan_hash(finetune_drives(rows, recipe), source, recipe.seed)
+    place = store_frames(TrainingResources(out, "cpu", 1, 10**9), plan, [made_up(96, number) for number in range(2)])
+    return fine_tuning(recipe, rows), place
 
 
-def test_a_broken_off_training_goes_on_as_if_nothing_had_been_and_learns(
+def test_a_training_learns_and_what_it_made_can_be_trained_on(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec], base: Path
 ) -> None:
     said: list[str] = []
-    whole = train(*prepared(tmp_path / "whole", monkeypatch, rows, base), said.append)
+    task, place = prepared(tmp_path, monkeypatch, rows, base)
+    whole = train(task, place, said.append)
     assert whole.training["epoch"] == 2
     assert whole.training["validation_skill"]["scd"] == 0.75
     speeds = [float(line.split("speed ")[1].split()[0]) for line in said if "window" in line]
     assert speeds[-1] < 0.8 * speeds[0]
 
-    task, place = prepared(tmp_path / "broken", monkeypatch, rows, base)
-    break_off(monkeypatch, lambda: train(task, place, said.append))
-    train(task, place, said.append)
-    ours, theirs = (load_weights("plant2-ft", tmp_path / name) for name in ("broken", "whole"))
-    assert all(np.array_equal(ours[name], theirs[name]) for name in theirs)
-    Plant2Ft(folder=tmp_path / "broken")
-    # What was fine-tuned can be trained on.
-    again = FineTuning(base=tmp_path / "broken", drivers=("idm-e",), drives=1)
-    assert torch.equal(
-        beginning(again, again.vocabulary()).state_dict()["signs.weight"], torch.from_numpy(ours["signs.weight"])
-    )
+    Plant2Ft(folder=tmp_path)
+    again = FineTuning(base=tmp_path, drivers=("idm-e",), drives=1)
+    ours = torch.from_numpy(load_weights("plant2-ft", tmp_path)["signs.weight"])
+    assert torch.equal(beginning(again, again.vocabulary()).state_dict()["signs.weight"], ours)
 
-
-def test_a_masked_training_is_of_another_network_and_refuses_the_others_checkpoint(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, rows: list[ScenarioSpec], base: Path
-) -> None:
-    task, place = prepared(tmp_path, monkeypatch, rows, base)
-    break_off(monkeypatch, lambda: train(task, place, lambda _: None))
+    # One whose signs are masked is of another network, and refuses this one's checkpoint.
     recipe = replace(task.recipe, mask_signs=True)
-    assert isinstance(recipe, FineTuning)
     masked = fine_tuning(recipe, rows)
     assert (task.name, masked.name) == ("plant2-ft", "plant2-blind")
     with pytest.raises(InputError, match="with mask_signs False, not True: take another --out"):

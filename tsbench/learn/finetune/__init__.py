@@ -1,1 +1,0 @@
-"""Fine-tuning `plant2` to read signs."""

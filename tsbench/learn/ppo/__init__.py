@@ -1,1 +1,0 @@
-"""`ppo`: an MLP on 275 numbers, learned by PPO."""
