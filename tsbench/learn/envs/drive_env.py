@@ -122,7 +122,10 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._episode: Episode | None = None
         self._last: Observation | None = None
         self.observation_space = self._seen.space
-        self.action_space = spaces.Box(-1.0, 1.0, (2 if self._exit is None else 3,), np.float32)
+        actions: Any = spaces.Box(-1.0, 1.0, (2 if self._exit is None else 3,), np.float32)
+        # Stable-Baselines3 writes it into a model's zip, where `planners from-sb3` finds it.
+        actions.drive = {"observation": observation, "action": action, "hold": self._hold}
+        self.action_space = actions
 
     def _make_encoders(self) -> None:
         """What turns observations and actions of one episode, and what loads it."""
