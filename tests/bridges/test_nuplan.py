@@ -283,7 +283,9 @@ def test_what_is_wrong_with_one_is_said_before_it_drives(tmp_path: Path, monkeyp
     specs = [f"nuplan:{tmp_path}/theirs.py:Theirs", "nuplan:nuplan:Theirs"]
     monkeypatch.setitem(sys.modules, "nuplan", None)
     for spec in specs:
-        with pytest.raises(InputError, match=r"git clone https://github.com/motional/nuplan-devkit, and add"):
+        with pytest.raises(
+            InputError, match=r"git clone https://github.com/motional/nuplan-devkit, and pip install --no-deps"
+        ):
             resolve(spec)
 
 
