@@ -26,7 +26,7 @@ from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.perception_level import EXACT, Perception, load_level
 from tsbench.learn.envs.encoders import EXIT, KINDS, PLAIN, ExitAction
 from tsbench.learn.envs.reward import SIGNS, RewardSpec, RouteReward
-from tsbench.learn.envs.view import View
+from tsbench.learn.envs.view import View, shown_here
 from tsbench.metrics.episode_metrics import is_scd, route_completion
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Control, Observation
@@ -85,6 +85,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     ) -> None:
         if render_mode is not None:
             _known("render_mode", render_mode, self.metadata["render_modes"])
+        self.metadata = {**self.metadata, "render_modes": shown_here(self.metadata["render_modes"])}
         self.render_mode = render_mode
         _known("split", split, SPLITS)
         _known("observation", observation, KINDS)

@@ -6,6 +6,8 @@ A quick look at a training; the pictures of a run (`tsbench render`) are drawn f
 from __future__ import annotations
 
 import math
+import os
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -23,6 +25,13 @@ SIZE_PX, _SCALE = 512, 6.0
 _BITS = 4
 _GROUND, _ROAD, _LINE, _ROUTE = (232, 236, 228), (190, 190, 190), (255, 255, 255), (110, 170, 110)
 _EGO, _CAR, _PERSON, _THING, _PLATE = ((32, 96, 200), (90, 90, 90), (200, 120, 30), (220, 140, 0), (180, 20, 20))
+
+
+def shown_here(modes: Sequence[str]) -> list[str]:
+    """The render modes that this machine has: `human` needs a screen, or another backend of Matplotlib's."""
+    backend = os.environ.get("MPLBACKEND", "")
+    window = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or backend
+    return [mode for mode in modes if mode != "human" or (window and backend.lower() != "agg")]
 
 
 class View:
