@@ -212,6 +212,8 @@ def test_a_reward_that_is_no_number_is_refused() -> None:
 def test_an_error_names_the_keyword() -> None:
     with pytest.raises(InputError, match=r"^types yeild: no such type or group \(did you mean yield\?\): groups are"):
         DriveEnv(split="dev", types="yeild")
+    with pytest.raises(InputError, match=r"^more yeild: no such type or group \(did you mean yield\?\)"):
+        DriveEnv(split="dev", more="yeild")
 
 
 def test_make_vec_by_default_gives_each_a_process() -> None:

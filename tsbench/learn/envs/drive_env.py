@@ -107,7 +107,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         check_files(self._rows, data)
         self._by_id = {row.scenario_id: row for row in self._rows}
         if often := type_words("more", more or None):
-            kinds = choose_types(data.catalog, often)
+            kinds = choose_types(data.catalog, often, "more")
             self._rows += (_MORE - 1) * [row for row in self._rows if row.pair_type in kinds]
         self._kind, self._to_exits = observation, action == EXIT
         self._make_encoders()
@@ -228,7 +228,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             return [self._by_id[named]]
         rows = choose_half(self._rows, options.get("half", BOTH))
         if "type" in options:
-            kinds = choose_types(self._data.catalog, type_words("option type", options["type"]))
+            kinds = choose_types(self._data.catalog, type_words("option type", options["type"]), "option type")
             rows = [row for row in rows if row.pair_type in kinds]
         if not rows:
             raise InputError(f"options {dict(options)}: this environment has no such scenario")
