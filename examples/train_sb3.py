@@ -1,7 +1,7 @@
 """Teach a plain MLP to read plates: PPO of Stable-Baselines3 on the pairs of one group, from scratch.
 
 python examples/train_sb3.py --group speed --steps 800000 --out runs/sb3-speed
-tsbench planners from-sb3 runs/sb3-speed/model.zip --hold 3 --action cruise
+tsbench planners from-sb3 runs/sb3-speed/model.zip
 
 A row of `curve.csv`, `curve.png` and a checkpoint each minute; the same command goes on from the last one. Needs the
 extras `learn` and `report` (for the curve).

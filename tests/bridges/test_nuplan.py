@@ -283,7 +283,9 @@ def test_what_is_wrong_with_one_is_said_before_it_drives(tmp_path: Path, monkeyp
     specs = [f"nuplan:{tmp_path}/theirs.py:Theirs", "nuplan:nuplan:Theirs"]
     monkeypatch.setitem(sys.modules, "nuplan", None)
     for spec in specs:
-        with pytest.raises(InputError, match=r"git clone https://github.com/motional/nuplan-devkit, and add"):
+        with pytest.raises(
+            InputError, match=r"git clone https://github.com/motional/nuplan-devkit, and pip install --no-deps"
+        ):
             resolve(spec)
 
 
@@ -388,16 +390,7 @@ def test_a_small_planner_of_the_protocol_drives_five_scenes() -> None:
 
 IDM = "nuplan.planning.simulation.planner.idm_planner:IDMPlanner(10, 1.0, 1.5, 1.0, 3.0, 16, 0.5, 40)"
 SIMPLE = "nuplan.planning.simulation.planner.simple_planner:SimplePlanner(10.0, 0.25, [0.0, 0.0])"
-PDM = """
-from nuplan.planning.simulation.trajectory.trajectory_sampling import TrajectorySampling
-from tuplan_garage.planning.simulation.planner.pdm_planner.pdm_closed_planner import PDMClosedPlanner
-from tuplan_garage.planning.simulation.planner.pdm_planner.proposal.batch_idm_policy import BatchIDMPolicy
-
-def closed():
-    plan, proposal = (TrajectorySampling(num_poses=n, interval_length=0.1) for n in (80, 40))
-    policies = BatchIDMPolicy([0.2, 0.4, 0.6, 0.8, 1.0], 15.0, 1.0, 1.5, 1.5, 3.0)
-    return PDMClosedPlanner(plan, proposal, policies, [-1.0, 1.0], 50)
-"""
+EXAMPLE = Path(__file__).parents[2] / "examples" / "pdm_closed.py"
 BESIDE = "is no checkout on PYTHONPATH (docs/adapters.md)"
 
 
@@ -407,10 +400,10 @@ def test_nuplans_own_planners_drive() -> None:
     drive_scenes(resolve(f"nuplan:{SIMPLE}"), KINDS[:2])
 
 
-def test_pdm_closed_by_its_authors_drives(tmp_path: Path) -> None:
+def test_pdm_closed_by_its_authors_drives() -> None:
     pytest.importorskip("tuplan_garage", reason=f"tuplan_garage {BESIDE}")
-    (tmp_path / "theirs.py").write_text(PDM)
-    assert drive_scenes(resolve(f"nuplan:{tmp_path}/theirs.py:closed"), KINDS[:1]) == ["arrived"]
+    for spec in (f"{EXAMPLE}:PdmClosed", f"nuplan:{EXAMPLE}:closed"):
+        assert drive_scenes(resolve(spec), KINDS[:1]) == ["arrived"]
 
 
 def test_all_of_nuplans_abstract_map_is_there(drive: Recorder) -> None:

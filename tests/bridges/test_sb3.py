@@ -20,6 +20,7 @@ from tsbench.bridges.sb3.sb3_planner import Sb3Planner, _loaded
 from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.episode.runner import EpisodeRunner
+from tsbench.learn.envs.drive_env import DriveEnv
 from tsbench.learn.envs.seen_tables import KINDS
 from tsbench.planners.registry import resolve
 from tsbench.run.planner_info import describe
@@ -31,21 +32,23 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.slow
 
-PLAIN = {"action": None, "hold": 1, "draws": False, "name": "Policy"}
+PLAIN = {"draws": False, "name": "Policy"}
 
 
 class Spaces(gymnasium.Env[Any, Any]):
     """The environment's spaces without its simulation."""
 
-    def __init__(self, observation: str, actions: int) -> None:
+    def __init__(self, observation: str, action: str, hold: int = 1) -> None:
         self.observation_space = KINDS[observation]().space
-        self.action_space = spaces.Box(-1.0, 1.0, (actions,), np.float32)
+        drives = DriveEnv(split="dev", observation=observation, action=action, hold=hold)
+        self.action_space, self.shown = drives.action_space, []
 
     def reset(self, **_: Any) -> tuple[Any, dict[str, Any]]:
-        return self.observation_space.sample(), {}
+        return self.step(None)[0], {}
 
     def step(self, _: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        return self.observation_space.sample(), 0.0, False, False, {}
+        self.shown.append(self.observation_space.sample())
+        return self.shown[-1], 0.0, False, False, {}
 
 
 def policy(kind: str, **more: Any) -> BaseAlgorithm:
@@ -53,14 +56,15 @@ def policy(kind: str, **more: Any) -> BaseAlgorithm:
     from torch import nn
 
     small = {"seed": 3, "device": "cpu"}
+    vector = Spaces("vector", "aim", more.pop("hold", 1))
     if kind == "ppo":
-        return PPO("MlpPolicy", Spaces("vector", 2), **small, **more)
+        return PPO("MlpPolicy", vector, **small, **more)
     if kind == "ppo-exit":
-        return PPO("MultiInputPolicy", Spaces("scene", 3), **small, **more)
+        return PPO("MultiInputPolicy", Spaces("scene", "exit", 3), **small, **more)
     if kind == "a2c-relu":
-        return A2C("MlpPolicy", Spaces("vector", 2), policy_kwargs={"activation_fn": nn.ReLU}, **small)
+        return A2C("MlpPolicy", vector, policy_kwargs={"activation_fn": nn.ReLU}, **small)
     of = SAC if kind == "sac" else TD3
-    return of("MlpPolicy", Spaces("vector", 2), buffer_size=10, policy_kwargs={"net_arch": [32, 32]}, **small)
+    return of("MlpPolicy", vector, buffer_size=10, policy_kwargs={"net_arch": [32, 32]}, **small)
 
 
 def saved(folder: Path, model: BaseAlgorithm) -> Path:
@@ -97,9 +101,11 @@ def compare(kind: str, folder: Path) -> None:
 def test_it_drives_by_the_command_that_is_printed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = saved(tmp_path, policy("ppo-exit"))
     with pytest.raises(SystemExit, match="0"):
-        main(["planners", "from-sb3", str(path), "--hold", "3", "--name", "Mine"])
+        main(["planners", "from-sb3", str(path), "--name", "Mine"])
     spec = str(tmp_path / "model" / "planner.py") + ":Mine"
-    assert f"tsbench run --planner {spec} --split dev" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "sees scene, acts by exit, a decision each 3 ticks" in told
+    assert f"tsbench run --planner {spec} --split dev" in told
     loaded = resolve(spec)
     assert (loaded.name, loaded.sign_access, loaded.chooses_route) == ("Mine", True, True)
     row = DataSet.in_use().table("dev")[0]
@@ -119,7 +125,7 @@ def test_draws_are_of_the_episodes_seed_and_decisions_hold(tmp_path: Path) -> No
     from learned_scenes import record
 
     drive = record()
-    convert(saved(tmp_path, policy("ppo")), tmp_path / "out", **{**PLAIN, "hold": 2, "draws": True})
+    convert(saved(tmp_path, policy("ppo", hold=2)), tmp_path / "out", **{**PLAIN, "draws": True})
 
     class Mine(Sb3Planner):
         folder = tmp_path / "out"
@@ -137,6 +143,33 @@ def test_draws_are_of_the_episodes_seed_and_decisions_hold(tmp_path: Path) -> No
     found = actions()
     for k in range(5):
         assert (found[k] == found[k + 1]) is (steps[k] // 2 == steps[k + 1] // 2)
+
+
+@pytest.mark.parametrize("seen", ["vector", "plates"])
+@pytest.mark.parametrize("by", ["VecFrameStack", "FrameStackObservation"])
+def test_frames_are_stacked_as_in_training(seen: str, by: str, tmp_path: Path) -> None:
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
+
+    env = Spaces(seen, "aim")
+    if by == "VecFrameStack":
+        several: Any = VecFrameStack(DummyVecEnv([lambda: env]), 3)
+    else:
+        several = DummyVecEnv([lambda: gymnasium.wrappers.FrameStackObservation(env, 3)])
+    kind = "MlpPolicy" if seen == "vector" else "MultiInputPolicy"
+    model = PPO(kind, several, device="cpu")
+    made = convert(saved(tmp_path, model), tmp_path / "out", **PLAIN)
+    assert (made.training["observation"], made.training["frames"]) == (seen, 3)
+
+    class Mine(Sb3Planner):
+        folder = tmp_path / "out"
+
+    planner = Mine()
+    stacked, space = several.reset(), several.observation_space
+    for _ in range(5):
+        one = {name: values[0] for name, values in stacked.items()} if seen == "plates" else stacked[0]
+        assert np.array_equal(planner._stacked(env.shown[-1]), flatten(space, one))
+        stacked, *_ = several.step(np.zeros((1, 2)))
 
 
 class Boom:
@@ -173,14 +206,21 @@ def test_what_it_cannot_take_is_one_line(tmp_path: Path) -> None:
         with pytest.raises(InputError, match=match):
             convert(file, tmp_path / "out", **{**PLAIN, **changes})
 
-    refused("answers 2 numbers, which aim and steer and cruise of the environment takes", action="exit")
     refused("--name mine: expected a class name", name="mine")
     refused("--draws is for PPO and A2C", saved(tmp_path, policy("sac")), draws=True)
     from stable_baselines3 import PPO
     from torch import nn
 
-    narrow = PPO("MlpPolicy", gymnasium.make("Pendulum-v1"), device="cpu")
-    refused("a network of 3 inputs: expected 275", saved(tmp_path, narrow))
+    other = PPO("MlpPolicy", gymnasium.make("Pendulum-v1"), device="cpu")
+    refused("does not say what it was trained with: train it in tsbench/Drive-v1", saved(tmp_path, other))
+    narrow = Spaces("vector", "aim")
+    narrow.observation_space = spaces.Box(-1.0, 1.0, (3,), np.float32)
+    refused("a network of 3 inputs: expected 275", saved(tmp_path, PPO("MlpPolicy", narrow, device="cpu")))
+    tables = PPO("MultiInputPolicy", Spaces("objects", "aim"), device="cpu")
+    refused("policies of `objects` cannot be taken; expected one of vector", saved(tmp_path, tables))
+    later = Spaces("vector", "aim")
+    later.action_space.drive["action"] = "fly"
+    refused("trained with .*fly.*, which this version's", saved(tmp_path, PPO("MlpPolicy", later, device="cpu")))
     odd = policy("ppo", policy_kwargs={"activation_fn": nn.ELU})
     refused("expected Tanh or ReLU", saved(tmp_path, odd))
     broken = tmp_path / "broken.zip"

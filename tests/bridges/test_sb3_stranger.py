@@ -90,5 +90,6 @@ def test_the_example_goes_on_after_it_was_killed(tmp_path: Path) -> None:
     assert steps()[-1] == before[-1] + SHORT
     assert steps() == sorted(steps())
     assert (tmp_path / "out" / "curve.png").is_file()
-    told = said((*TSBENCH, "planners", "from-sb3", "out/model.zip", "--hold", "3"), tmp_path)
+    told = said((*TSBENCH, "planners", "from-sb3", "out/model.zip"), tmp_path)
+    assert "sees plates, acts by cruise, a decision each 3 ticks" in told
     drives_three_pairs(told.splitlines()[-1], tmp_path)

@@ -1,4 +1,4 @@
-"""`tsbench train plant2-ft` and `train frames`: what they refuse."""
+"""`tsbench train`: what it refuses."""
 
 from __future__ import annotations
 
@@ -18,6 +18,15 @@ def test_a_fine_tuning_without_drives_or_base_is_refused(capsys: pytest.CaptureF
     (tmp_path / "empty").mkdir()
     base = refused(train, "plant2-ft", "--planner", "idm-e", "--base", str(tmp_path / "empty"), *out)
     assert "plant2.json" in base
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("planner", ["ppo", "carl", "plant2-ft"])
+def test_types_to_draw_more_often_are_checked_before_anything_starts(
+    planner: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    told = refused(in_process("train", capsys), planner, "--more", "yeild", "--out", str(tmp_path / "out"))
+    assert told.startswith("error: --more yeild: no such type or group (did you mean yield?): groups are")
     assert not (tmp_path / "out").exists()
 
 

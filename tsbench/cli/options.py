@@ -273,9 +273,9 @@ allow_partial = one_of(RunOptions, "allow_partial")
 run_workers = one_of(RunOptions, "workers")
 
 
-def types_of(data: DataSet, words: tuple[str, ...]) -> tuple[str, ...]:
+def types_of(data: DataSet, words: tuple[str, ...], option: str = "--types") -> tuple[str, ...]:
     """The types that some types and groups are, sorted; none where none is named. Raises InputError."""
-    return tuple(sorted(choose_types(data.catalog, words))) if words else ()
+    return tuple(sorted(choose_types(data.catalog, words, option))) if words else ()
 
 
 def rows_of(data: DataSet, split: str | None, words: tuple[str, ...] = ()) -> list[ScenarioSpec]:

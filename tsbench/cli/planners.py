@@ -114,23 +114,20 @@ def _tell(planner: str, found: list[Finding], console: Console) -> int:
 
 @planners.command("from-sb3")
 @click.argument("model", metavar="MODEL.zip", type=options.FILE)
-@click.option(
-    "--action", type=click.Choice(("aim", "steer", "cruise", "exit")), help="As in training.  [default: aim, exit]"
-)
-@options.count("--hold", default=1, help="Ticks per step, as in training.")
 @click.option("--draws", is_flag=True, help="Draw actions from the policy's density, as in training; else its mean.")
 @click.option("--name", default="Policy", show_default=True, metavar="CLASS", help="Name of the planner.")
 @options.out("Folder to write the planner to.  [default: MODEL]", type=options.FOLDER)
-def from_sb3(model: Path, action: str | None, hold: int, draws: bool, name: str, out: Path | None) -> None:
+def from_sb3(model: Path, draws: bool, name: str, out: Path | None) -> None:
     """Make a planner of a policy of Stable-Baselines3 that was trained in tsbench's environment.
 
     It takes MLP policies of PPO, A2C, SAC, TD3 and DDPG. Nothing is unpickled.
     """
     folder = out or model.with_suffix("")
-    made = load("tsbench.bridges.sb3.convert").convert(model, folder, action=action, hold=hold, draws=draws, name=name)
+    made = load("tsbench.bridges.sb3.convert").convert(model, folder, draws=draws, name=name)
     facts = made.training
+    stacked = f"{facts['frames']} frames of " if facts["frames"] > 1 else ""
     click.echo(
-        f"{folder}: {facts['from']}, {made.parameters:,} parameters, sees {facts['observation']}, acts by "
+        f"{folder}: {facts['from']}, {made.parameters:,} parameters, sees {stacked}{facts['observation']}, acts by "
         f"{facts['action']}, a decision each {facts['hold']} ticks"
     )
     click.echo(f"tsbench run --planner {folder / 'planner.py'}:{name} --split dev")

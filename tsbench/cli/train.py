@@ -108,6 +108,7 @@ def _train(planner: str, out: Path, **asked: Any) -> None:
     job = ppo_training.Job(planner, out, **asked)
     # Its processes read the rows themselves; what they lack is said before they start.
     _train_rows(job.types)
+    options.types_of(DataSet.in_use(), job.more, "--more")
     _tell(out, ppo_training.train(job, click.echo))
 
 
@@ -214,7 +215,7 @@ def frames(workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
 def _recipe(
     planners: Words, types: Words, more: Words, trajectories: Path | None, perception: str, **figures: Any
 ) -> tuple[FineTuning, list[ScenarioSpec]]:
-    path, often = trajectories or trajectories_path(), options.types_of(DataSet.in_use(), more)
+    path, often = trajectories or trajectories_path(), options.types_of(DataSet.in_use(), more, "--more")
     recipe = FineTuning(
         trajectories=path, drivers=planners, types=types, more=often, perception=load_level(perception), **figures
     )

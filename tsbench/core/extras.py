@@ -41,7 +41,8 @@ def install_command(module: str) -> str:
     top = module.partition(".")[0]
     if top in CHECKOUTS:
         folder = CHECKOUTS[top].partition("/")[2]
-        return f"git clone https://github.com/{CHECKOUTS[top]}, and add {folder} to PYTHONPATH (docs/adapters.md)"
+        then = f"pip install --no-deps ./{folder}" if top == "nuplan" else f"add {folder} to PYTHONPATH"
+        return f"git clone https://github.com/{CHECKOUTS[top]}, and {then} (docs/adapters.md)"
     package = _PACKAGES.get(top, top.replace("_", "-"))
     if top not in EXTRA_OF:
         return f"pip install {package}"

@@ -109,7 +109,7 @@ def types_and_groups(catalog: Catalog) -> list[str]:
     return [kind.id for kind in catalog.types] + sorted({kind.group for kind in catalog.types})
 
 
-def choose_types(catalog: Catalog, asked: Sequence[str]) -> tuple[str, ...]:
+def choose_types(catalog: Catalog, asked: Sequence[str], option: str = "--types") -> tuple[str, ...]:
     """Type ids named by `asked` (ids and group names; empty = all), in the catalogue's order."""
     types, known = catalog.types, types_and_groups(catalog)
     for word in asked:
@@ -117,7 +117,7 @@ def choose_types(catalog: Catalog, asked: Sequence[str]) -> tuple[str, ...]:
             groups = sorted({kind.group for kind in types})
             near = "".join(f" (did you mean {name}?)" for name in get_close_matches(word, known, 1))
             raise InputError(
-                f"--types {word}: no such type or group{near}: groups are {', '.join(groups)}; "
+                f"{option} {word}: no such type or group{near}: groups are {', '.join(groups)}; "
                 f"types are {', '.join(kind.id for kind in types)}"
             )
     return tuple(kind.id for kind in types if not asked or kind.id in asked or kind.group in asked)

@@ -37,6 +37,23 @@ def shown(spec: str) -> dict[str, str]:
     return found
 
 
+@pytest.mark.parametrize("line", ["import beside_the_sandbox", "import beside_the_sandbox.deep as deep"])
+def test_a_package_that_only_pythonpath_has_is_named(
+    line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package, place = tmp_path / "checkout" / "beside_the_sandbox", tmp_path / "planner"
+    package.mkdir(parents=True)
+    place.mkdir()
+    for name in ("__init__.py", "deep.py"):
+        (package / name).touch()
+    (place / "mine.py").write_text(f"{line}\n{PLANNER}")
+    monkeypatch.syspath_prepend(package.parent)
+    with pytest.raises(InputError, match=rf"not {package}: install it with pip, or copy it beside the planner's file$"):
+        describe(f"{place}/mine.py:P")
+    package.rename(place / package.name)
+    assert describe(f"{place}/mine.py:P").planner.name == "P"
+
+
 def test_regular_files_are_shown_and_nothing_else(tmp_path: Path) -> None:
     place = tmp_path / "planner"
     for name in ("deep", "__pycache__", ".git", "env"):

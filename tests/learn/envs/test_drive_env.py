@@ -57,9 +57,12 @@ def pickled(made: DriveEnv) -> DriveEnv:
 
 @pytest.mark.parametrize("kind", ["vector", "bev", "objects", "scene"])
 @pytest.mark.filterwarnings("ignore")
-def test_gymnasiums_checker_passes(kind: str) -> None:
+def test_gymnasiums_checker_passes_without_a_screen(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "MPLBACKEND"):
+        monkeypatch.delenv(name, raising=False)
     made = gymnasium.make(DRIVE, split="test", observation=kind)
-    check_env(made.unwrapped, skip_render_check=True)
+    assert made.unwrapped.metadata["render_modes"] == ["rgb_array"]
+    check_env(made.unwrapped)
     made.close()
 
 
@@ -190,6 +193,13 @@ def test_a_reward_that_is_no_number_is_refused() -> None:
         env.reset(seed=0)
         with pytest.raises(ValueError, match=r"reward nan is not finite, of \{'progress': "):
             env.step(np.zeros(2))
+
+
+def test_an_error_names_the_keyword() -> None:
+    with pytest.raises(InputError, match=r"^types yeild: no such type or group \(did you mean yield\?\): groups are"):
+        DriveEnv(split="dev", types="yeild")
+    with pytest.raises(InputError, match=r"^more yeild: no such type or group \(did you mean yield\?\)"):
+        DriveEnv(split="dev", more="yeild")
 
 
 def test_make_vec_by_default_gives_each_a_process() -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final
 
@@ -36,6 +38,18 @@ _START_S, _ANSWER_S = 600.0, 300.0
 
 class IsolatedPlannerError(Exception):
     """What an isolated planner raised, or how its process ended."""
+
+
+def _with_place(problem: str) -> str:
+    """Why a planner's process came up with no planner, and what to do where it lacks a package that this one finds."""
+    lacking = re.search(r"(?:No module named '|there is no module )(\w+)", problem)
+    found = lacking and find_spec(lacking[1])
+    if not found or not found.origin:
+        return problem
+    return (
+        f"{problem.partition('; to install it')[0]}; a sandbox shows what pip has installed and the planner's own "
+        f"files, not {Path(found.origin).parent}: install it with pip, or copy it beside the planner's file"
+    )
 
 
 class PlannerProcess:
@@ -76,7 +90,8 @@ class PlannerProcess:
                 told = self.facts.protocol
                 raise InputError(f"planner {spec!r}: speaks protocol {told}, this tsbench {protocol.VERSION}")
             if self.facts.problem:
-                raise InputError(one_line(self.facts.problem))
+                problem = one_line(self.facts.problem)
+                raise InputError(problem if planner.image else _with_place(problem))
         except (IsolatedPlannerError, ProtocolError) as problem:
             self.close()
             raise InputError(f"planner {spec!r}: does not come up isolated: {problem}") from None

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import math
 import pickle
 import re
 import zipfile
@@ -17,10 +18,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from gymnasium import spaces
 
-from tsbench.bridges.sb3.sb3_planner import READING, RELU, TANH, WEIGHTS, mlp, observation_of
+from tsbench.bridges.sb3.sb3_planner import READING, RELU, SCALED, TANH, WEIGHTS, mlp
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
+from tsbench.learn.envs.seen_tables import KINDS
 from tsbench.learn.rl.actions import EXIT, PLAIN
 from tsbench.planners.weights import Network, Tensors, save_weights
 
@@ -57,12 +60,12 @@ class {name}(Sb3Planner):
 '''
 
 
-def convert(model: Path, out: Path, *, action: str | None, hold: int, draws: bool, name: str) -> Network:
+def convert(model: Path, out: Path, *, draws: bool, name: str) -> Network:
     """Write `planner.py`, `policy.json` and `policy.safetensors` below `out`.
 
-    action: as the environment was given it; None = aim for two numbers, exit for three. hold: its ticks per step.
-    draws: actions are drawn from the policy's density, not its mean. name: the planner's class. Raises InputError: no
-    model, one that is not a plain MLP on `vector` or `scene`, or options that do not fit it.
+    What it sees, how it acts and how long it holds are in its action space, how many frames it sees in that of what it
+    observes. draws: actions are drawn from the policy's density, not its mean. name: the planner's class. Raises
+    InputError: no model, one that is not a plain MLP, or was not trained in tsbench's environment.
     """
     if not _NAME.fullmatch(name):
         raise InputError(f"--name {name}: expected a class name, such as MyPolicy")
@@ -73,20 +76,18 @@ def convert(model: Path, out: Path, *, action: str | None, hold: int, draws: boo
     on_policy = family == _ON_POLICY
     if draws and not on_policy:
         raise InputError(f"{model}: --draws is for PPO and A2C; {family} is driven by its mean")
-    inputs, actions = tensors["hidden.0.weight"].shape[1], tensors["action.weight"].shape[0]
-    try:
-        observation = observation_of(inputs)
-    except InputError as problem:
-        raise InputError(f"{model}: {problem}") from None
+    drive = _drive(model, data)
+    observation = drive["observation"]
+    frames, axis = _frames(model, data, observation, tensors["hidden.0.weight"].shape[1])
     kind = _activation(model, data, TANH if on_policy else RELU)
     facts: dict[str, Any] = {
         "from": family,
         "file": model.name,
         "sha256": digest,
         "stable_baselines3": version,
-        "observation": observation,
-        "action": _action(model, action, actions),
-        "hold": hold,
+        **drive,
+        "frames": frames,
+        "frames_axis": axis,
         "draws": draws,
         "activation": kind,
         "squashed": not on_policy,
@@ -161,15 +162,43 @@ def _layer(state: Mapping[str, Any], name: str, new: str) -> Tensors:
     return {f"{new}.{part}": state[f"{name}.{part}"].numpy() for part in ("weight", "bias")}
 
 
-def _action(model: Path, asked: str | None, actions: int) -> str:
-    numbers = {**dict.fromkeys(PLAIN, 2), EXIT: 3}
-    found = asked or {3: EXIT, 2: "aim"}.get(actions, "")
-    if numbers.get(found) != actions:
-        fitting = [name for name, count in numbers.items() if count == actions]
+def _drive(model: Path, data: Mapping[str, Any]) -> dict[str, Any]:
+    """How the environment was made: observation, action, hold."""
+    space = data.get("action_space")
+    drive = space.get("drive") if isinstance(space, dict) else None
+    if not isinstance(drive, dict):
         raise InputError(
-            f"{model}: answers {actions} numbers, which {' and '.join(fitting) or 'no action'} of the environment takes"
+            f"{model}: its action space does not say what it was trained with: train it in tsbench/Drive-v1, without a "
+            "wrapper that changes actions"
         )
-    return found
+    seen, action, hold = (drive.get(key) for key in ("observation", "action", "hold"))
+    if seen in KINDS and seen not in SCALED:
+        raise InputError(f"{model}: policies of `{seen}` cannot be taken; expected one of {', '.join(SCALED)}")
+    if seen not in SCALED or action not in (*PLAIN, EXIT) or not isinstance(hold, int) or hold < 1:
+        raise InputError(f"{model}: was trained with {drive}, which this version's environment does not have")
+    return {"observation": seen, "action": action, "hold": hold}
+
+
+def _frames(model: Path, data: Mapping[str, Any], seen: str, inputs: int) -> tuple[int, int]:
+    """How many observations the network sees at a time, and the axis along which they stand."""
+    space: Any = KINDS[seen]().space
+    parts: Any = space.values() if isinstance(space, spaces.Dict) else [space]
+    own = [part.shape for part in parts]
+    size = sum(math.prod(shape) for shape in own)
+    told = data.get("observation_space")
+    text = str(told.get("spaces") or told.get("_shape")) if isinstance(told, dict) else ""
+    shapes = [tuple(map(int, re.findall(r"\d+", found))) for found in re.findall(r"[(\[](\d[\d, ]*)[)\]]", text)]
+    frames, left = divmod(inputs, size)
+    if not left and frames == 1:
+        return 1, -1
+    if shapes == [(*shape[:-1], frames * shape[-1]) for shape in own]:
+        return frames, -1
+    if shapes == [(frames, *shape) for shape in own]:
+        return frames, 0
+    raise InputError(
+        f"{model}: a network of {inputs} inputs: expected {size} (`{seen}`), or what VecFrameStack or "
+        "FrameStackObservation make of them"
+    )
 
 
 def _activation(model: Path, data: Mapping[str, Any], default: str) -> str:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections import deque
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
-from gymnasium.spaces.utils import flatdim, flatten
 
-from tsbench.core.errors import InputError
 from tsbench.geometry.elementary import exp
 from tsbench.learn.envs.seen_tables import KINDS
 from tsbench.learn.fixed_point import BITS, LARGEST, Linear, Parameters, rectified, snap, tanh
@@ -48,6 +47,8 @@ class Sb3Planner:
         self._seen = KINDS[facts["observation"]]()
         self._exit = ExitAction() if facts["action"] == EXIT else None
         self._hold, self._draws = int(facts["hold"]), bool(facts["draws"])
+        self._axis = int(facts.get("frames_axis", -1))
+        self._kept: deque[Mapping[str, Any]] = deque(maxlen=int(facts.get("frames", 1)))
         self._plain = PLAIN.get(facts["action"])
         self._answer, self._width = _loaded(self.folder)
         self._action: tuple[float, ...] = ()
@@ -56,6 +57,7 @@ class Sb3Planner:
     def reset(self, context: PlannerContext) -> None:
         """Start an episode; draws come from its seed."""
         self._seen.reset(context)
+        self._kept.clear()
         if self._exit is not None:
             self._exit.reset(context)
         rng = np.random.default_rng(np.random.SeedSequence(context.seed))
@@ -72,12 +74,26 @@ class Sb3Planner:
         return self._plain(self._action[0], self._action[1], observation)
 
     def _decide(self, observation: Observation) -> Array:
-        seen = flatten(self._seen.space, self._seen.encode(observation))
-        mean = self._answer(np.asarray(seen, dtype=np.float64)[None])[0]
+        mean = self._answer(self._stacked(self._seen.encode(observation))[None])[0]
         if self._draws:
             mean += self._width * normal_quantile(self._quantiles[observation.step // self._hold % _DECISIONS])
         clipped: Array = np.clip(mean, -1.0, 1.0)
         return clipped
+
+    def _stacked(self, seen: Any) -> Array:
+        """The last observations as the network sees them, oldest first.
+
+        Before the first stand zeros, as in Stable-Baselines3's VecFrameStack (the last axis), or the first itself, as
+        in Gymnasium's FrameStackObservation (a new axis).
+        """
+        parts = seen if isinstance(seen, Mapping) else {"": seen}
+        if not self._kept:
+            before = {name: np.zeros_like(values) for name, values in parts.items()} if self._axis else parts
+            self._kept.extend([before] * int(self._kept.maxlen or 1))
+        self._kept.append(parts)
+        join: Any = np.concatenate if self._axis else np.stack
+        rows = [join([kept[name] for kept in self._kept], axis=self._axis).ravel() for name in sorted(parts)]
+        return np.concatenate(rows, dtype=np.float64)
 
 
 @cache
@@ -111,15 +127,3 @@ def mlp(tensors: Tensors, facts: Any) -> tuple[Mlp, Array]:
         return tanh(y) if facts["squashed"] else y
 
     return answer, width
-
-
-def observation_of(inputs: int) -> str:
-    """The kind of observation that has so many numbers. Raises InputError where no supported kind has."""
-    sizes = {name: flatdim(KINDS[name]().space) for name in SCALED}
-    for name, size in sizes.items():
-        if size == inputs:
-            return name
-    raise InputError(
-        f"a network of {inputs} inputs: expected {' or '.join(f'{size} ({name})' for name, size in sizes.items())}; "
-        "policies of `bev` (pictures) and of `objects` (numbers that are not scaled) cannot be taken"
-    )

@@ -7,6 +7,7 @@ Stable-Baselines3's SubprocVecEnv for several. `Curriculum` says which scenarios
 from __future__ import annotations
 
 import math
+import os
 from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -55,6 +56,13 @@ _OPTIONS = ("scenario_id", "scenario", "type", "half")
 _ENDS = (Outcome.ARRIVED, Outcome.COLLISION, Outcome.OFF_ROAD, Outcome.TIMEOUT)
 
 
+def _shown_here(modes: Sequence[str]) -> list[str]:
+    """The render modes that this machine has: `human` needs a screen, or another backend of Matplotlib's."""
+    backend = os.environ.get("MPLBACKEND", "")
+    window = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or backend
+    return [mode for mode in modes if mode != "human" or (window and backend.lower() != "agg")]
+
+
 class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     """One scenario per episode, drawn from the table of a split.
 
@@ -90,6 +98,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     ) -> None:
         if render_mode is not None:
             _known("render_mode", render_mode, self.metadata["render_modes"])
+        self.metadata = {**self.metadata, "render_modes": _shown_here(self.metadata["render_modes"])}
         self.render_mode = render_mode
         _known("split", split, SPLITS)
         _known("observation", observation, KINDS)
@@ -114,7 +123,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         check_files(self._rows, data)
         self._by_id = {row.scenario_id: row for row in self._rows}
         if often := type_words("more", more or None):
-            kinds = choose_types(data.catalog, often)
+            kinds = choose_types(data.catalog, often, "more")
             self._rows += (_MORE - 1) * [row for row in self._rows if row.pair_type in kinds]
         self._kind, self._action = observation, action
         self._make_encoders()
@@ -129,7 +138,10 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         self._episode: Episode | None = None
         self._last: Observation | None = None
         self.observation_space = self._seen.space
-        self.action_space = spaces.Box(-1.0, 1.0, (3 if action == EXIT else 2,), np.float32)
+        actions: Any = spaces.Box(-1.0, 1.0, (3 if action == EXIT else 2,), np.float32)
+        # Stable-Baselines3 writes it into a model's zip, where `planners from-sb3` finds it.
+        actions.drive = {"observation": observation, "action": action, "hold": self._hold}
+        self.action_space = actions
 
     def _make_encoders(self) -> None:
         """What turns observations and actions of one episode, and what loads it."""
@@ -225,7 +237,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             return [self._by_id[named]]
         rows = choose_half(self._rows, options.get("half", BOTH))
         if "type" in options:
-            kinds = choose_types(self._data.catalog, type_words("option type", options["type"]))
+            kinds = choose_types(self._data.catalog, type_words("option type", options["type"]), "option type")
             rows = [row for row in rows if row.pair_type in kinds]
         if not rows:
             raise InputError(f"options {dict(options)}: this environment has no such scenario")
