@@ -11,11 +11,10 @@ import math
 import numpy as np
 
 from tsbench import Control, Observation, PlannerContext
-from tsbench.planners.floor.blind import Blind, masked
-from tsbench.planners.floor.guess import first_fork
+from tsbench.planners.floor.guess import Blind, first_fork, masked
+from tsbench.planners.geometry import HALF_LENGTH_M
 from tsbench.planners.idm import Idm, IdmParameters
 from tsbench.planners.lane_change import LEAST_AHEAD_M
-from tsbench.planners.swept_path import HALF_LENGTH_M
 from tsbench.sim.ego import MAX_SPEED_MPS, pursue
 from tsbench.sim.world import ActorKind
 

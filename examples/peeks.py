@@ -11,10 +11,10 @@ import math
 import numpy as np
 
 from tsbench import Control, Observation, PlannerContext
-from tsbench.planners.floor.blind import masked
+from tsbench.planners.floor.guess import masked
 from tsbench.planners.floor.polite import Polite
+from tsbench.planners.geometry import HALF_LENGTH_M
 from tsbench.planners.idm import Idm
-from tsbench.planners.swept_path import HALF_LENGTH_M
 from tsbench.rules.open_speed import at_metre, bend_speeds
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import DT_S, ActorKind

@@ -18,7 +18,7 @@ from tsbench.make.scenes.traffic import Car
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
 from tsbench.scenarios.certificates import Certificate, certificates_path, write_certificates
-from tsbench.scenarios.table import write_table
+from tsbench.scenarios.data_set import write_table
 from tsbench.sim.scene import EgoStart
 
 ROOT = Path(__file__).resolve().parents[2]

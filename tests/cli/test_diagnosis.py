@@ -13,9 +13,9 @@ from tsbench.cli import diagnosis
 from tsbench.cli.diagnosis import REPAIR, Diagnosis, Status, alone, check_packages, judge_packages, locked
 from tsbench.core import paths
 from tsbench.core.errors import InputError
+from tsbench.scenarios.data_set import read_table, write_table
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path, write_store
-from tsbench.scenarios.table import read_table, write_table
 
 ROOT = Path(__file__).resolve().parents[2]
 ASKED = ("numpy>=2.0", "pyarrow>=23,<24", 'torch>=2.4; extra == "learn"')

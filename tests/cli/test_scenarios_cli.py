@@ -18,9 +18,9 @@ from tsbench.make.maps.netconvert import build_net
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
 from tsbench.scenarios.certificates import Certificate, bases, certificates_path, write_certificates
+from tsbench.scenarios.data_set import read_table, write_table
 from tsbench.scenarios.map_pool import write_pool
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import read_table, write_table
 from tsbench.sim.scene import EgoStart
 
 ROOT = Path(__file__).resolve().parents[2]

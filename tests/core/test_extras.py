@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from tsbench.cli import SECTIONS, main
-from tsbench.core.extras import EXTRA_OF
+from tsbench.core.errors import EXTRA_OF
 
 ROOT = Path(__file__).resolve().parents[2]
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from simworld import simulation
 
-from tsbench.episode.blind_view import blind_bytes
 from tsbench.episode.episode import Episode
+from tsbench.episode.traffic_view import blind_bytes
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader

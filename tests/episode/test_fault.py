@@ -8,7 +8,7 @@ import episode_builders as made
 import numpy as np
 import pytest
 
-from tsbench.episode.fault import contact_at_fault
+from tsbench.episode.outcome import contact_at_fault
 
 LANE = -4.8
 

@@ -18,7 +18,7 @@ from pool_builders import two_way
 from simworld import LIMIT, simulation, store_scenes
 from tsbench.make.scenes import map_scenarios
 from tsbench.make.scenes.recipe import load_recipe
-from tsbench.scenarios.table import write_table
+from tsbench.scenarios.data_set import write_table
 from tsbench.signs.catalog import load_catalog
 
 row, crop = two_way(speed=LIMIT)

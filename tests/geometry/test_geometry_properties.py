@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from tsbench.geometry.angles import wrap
+from tsbench.geometry.elementary import wrap
 from tsbench.geometry.footprint import boxes_overlap, corners, front
 from tsbench.geometry.overlap import conflict_zone, conflict_zones
 from tsbench.geometry.polyline import Polyline, join

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsbench.geometry.angles import LEFT, RIGHT, STRAIGHT, U_TURN, turn_class, wrap_deg
+from tsbench.geometry.elementary import LEFT, RIGHT, STRAIGHT, U_TURN, turn_class, wrap_deg
 
 
 @pytest.mark.parametrize(

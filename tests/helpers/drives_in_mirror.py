@@ -13,7 +13,7 @@ from tsbench.core.paths import MIRRORED, OWN_CITY
 from tsbench.episode.episode import Episode
 from tsbench.episode.outcome import EpisodeFacts, EpisodeResult
 from tsbench.planners.registry import resolve
-from tsbench.rules.events import Violation
+from tsbench.rules.monitor import Violation
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.scene_loader import SceneLoader

@@ -10,7 +10,7 @@ import episode_builders
 import numpy as np
 
 from tsbench.core.errors import PlannerOutputError, cause_of
-from tsbench.episode.command import to_command
+from tsbench.episode.observation import to_command
 from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.perception_level import Perception
 from tsbench.planners.registry import LoadedPlanner

@@ -160,7 +160,7 @@ class Twice(Honest):
     """An answer beside the answer, as for the next tick."""
 
     def act(self, observation):
-        from tsbench.board.isolation.commands import command_message
+        from tsbench.board.isolation.episode_messages import command_message
 
         os.write(_line(), 2 * command_message(Control(1.0, 0.0)))
         time.sleep(60.0)
@@ -462,7 +462,7 @@ def main(place: str, scenario: str, *names: str) -> None:
     import tsbench.episode.runner
     import tsbench.planners.registry
     import tsbench.run.log.record
-    import tsbench.scenarios.table
+    import tsbench.scenarios.data_set
     import tsbench.sim.sumo  # noqa: F401
 
     if place == "sandbox":

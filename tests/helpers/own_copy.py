@@ -16,10 +16,9 @@ from patience import HANG_S
 
 from tsbench.core.paths import data_root
 from tsbench.core.xmlfile import sha256
-from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.data_set import DataSet, write_table
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path, write_store
-from tsbench.scenarios.table import write_table
 
 ROOT = data_root()
 COMMANDS = """

@@ -7,7 +7,7 @@ import pytest
 
 from tsbench.geometry.polyline import Polyline
 from tsbench.roads.network import Crossing
-from tsbench.rules.crossing_people import CrossingPeople
+from tsbench.rules.crossing import CrossingPeople
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import EGO_WIDTH_M, ActorKind, Actors, ActorTable
 

@@ -4,7 +4,7 @@ import pytest
 from labelled import CASES, play
 
 from tsbench.rules.crossing import WorstPerVehicle
-from tsbench.rules.events import EventLog
+from tsbench.rules.monitor import EventLog
 from tsbench.signs.catalog import load_catalog
 
 PLAYED = play(CASES / "give_way" / "two_vehicles_at_once.yaml")

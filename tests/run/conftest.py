@@ -11,9 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 from run_helpers import ROOT, Bench, specs
 
+from tsbench.scenarios.data_set import write_table
 from tsbench.scenarios.map_pool import POOL_SCHEMA
 from tsbench.scenarios.store import store_path, write_store
-from tsbench.scenarios.table import write_table
 
 
 def write_data(root: Path, maps: int = 2) -> Path:

@@ -13,8 +13,8 @@ from patience import HANG_S
 from run_helpers import Bench, assert_gone, workers_of
 
 from tsbench.run.log.tables import read_table
-from tsbench.scenarios.table import read_table as read_scenarios
-from tsbench.scenarios.table import write_table
+from tsbench.scenarios.data_set import read_table as read_scenarios
+from tsbench.scenarios.data_set import write_table
 
 # Twenty episodes, one of which fails.
 RUN = [

@@ -13,8 +13,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import data_root
 from tsbench.run.execution.messages import Task, TaskQueue
 from tsbench.run.plan import Request, RunPlan, choose_variants, make_plan
-from tsbench.scenarios.data_set import DataSet
-from tsbench.scenarios.table import write_table
+from tsbench.scenarios.data_set import DataSet, write_table
 from tsbench.signs.catalog import load_catalog
 
 

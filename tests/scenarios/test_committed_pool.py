@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tsbench.geometry.angles import wrap_deg
+from tsbench.geometry.elementary import wrap_deg
 from tsbench.make.maps.stats import count_tables
 from tsbench.scenarios.map_pool import SLOTS, PoolRow, read_pool
 

@@ -23,12 +23,11 @@ from tsbench.make.scenes.split import split_pool
 from tsbench.make.scenes.verify import verify_rows, verify_split
 from tsbench.run.edition import editions
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates
-from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.data_set import DataSet, read_table
 from tsbench.scenarios.map_pool import PoolRow, read_pool
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path
-from tsbench.scenarios.table import read_table
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import Motion
 

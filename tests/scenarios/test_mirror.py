@@ -14,7 +14,7 @@ from simworld import cross_plain
 
 from tsbench.core.errors import InputError
 from tsbench.core.paths import CITY, OWN_CITY, using_city
-from tsbench.geometry.angles import LEFT, RIGHT, SUMO_TURNS
+from tsbench.geometry.elementary import LEFT, RIGHT, SUMO_TURNS
 from tsbench.make.maps.netconvert import build_net
 from tsbench.make.scenes.scene_lint import lint_scene
 from tsbench.roads.network import RoadNetwork, read_network

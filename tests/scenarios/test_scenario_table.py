@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
+from tsbench.scenarios.data_set import SPLITS, read_table, write_table
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import SPLITS, read_table, write_table
 
 BASE = ScenarioSpec(
     "yield-j-1-v0", "yield", "priority", "2.4", None, "j-1", "junction", "T", "", 0, "test", 2**32 - 1, 7.75, 90.0,

@@ -6,8 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tsbench.core.errors import InputError
-from tsbench.core.extras import import_all
+from tsbench.core.errors import InputError, import_all
 from tsbench.learn.imitation.targets import TARGET_SPECS
 from tsbench.planners.experts.expert import CONSTRAINTS
 from tsbench.planners.experts.rules.constraint import RuleConstraint

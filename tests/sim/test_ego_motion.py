@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tsbench.core.errors import PlannerOutputError
-from tsbench.geometry.angles import wrap
+from tsbench.geometry.elementary import wrap
 from tsbench.planners.base import Trajectory
 from tsbench.sim.ego import Motion, advance, check_trajectory, pursue, track
 from tsbench.sim.world import DT_S, WHEELBASE_M

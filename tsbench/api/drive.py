@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.api.evaluate import Given
-from tsbench.core.errors import InputError
-from tsbench.core.extras import load
+from tsbench.core.errors import InputError, load
 from tsbench.core.paths import expanded_text
 from tsbench.episode.episode import Episode
 from tsbench.episode.outcome import EpisodeResult, Outcome

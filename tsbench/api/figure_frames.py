@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
-from tsbench.core.extras import load
+from tsbench.core.errors import load
 from tsbench.metrics.aggregate import Summary
 from tsbench.metrics.breakdown import Scores, StrictAndCompleted
 from tsbench.metrics.episode_metrics import METRICS

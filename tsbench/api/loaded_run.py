@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tsbench.api.figure_frames import comparison_frame, episodes_frame, flips_frame, frame_of, summary_frame
-from tsbench.core.errors import InputError
-from tsbench.core.extras import load
+from tsbench.core.errors import InputError, load
 from tsbench.metrics.aggregate import summarise
 from tsbench.report.compare_runs import match, side_of
 from tsbench.run.arguments import keywords, path_of

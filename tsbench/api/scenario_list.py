@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
-from tsbench.core.errors import InputError
-from tsbench.core.extras import load
+from tsbench.core.errors import InputError, load
 from tsbench.roads.road_map import RoadMap
 from tsbench.run.arguments import keywords, text, type_words
 from tsbench.run.plan import choose_types
-from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.data_set import SPLITS, DataSet
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import SPLITS
 from tsbench.sim.scene import Scene
 
 

@@ -33,8 +33,8 @@ from tsbench.planners.batching import DEVICES
 from tsbench.run.log.record import Row, head_row
 from tsbench.run.log.schema import EPISODES
 from tsbench.run.planner_info import PlannerInfo
+from tsbench.scenarios.data_set import SPLITS
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.table import SPLITS
 
 KIND, SCHEMA_VERSION = "tsbench-submission", 1
 # What stands before the fields. The rows are of OpenStreetMap's roads.

@@ -21,8 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.core.errors import InputError
-from tsbench.geometry.angles import wrap
-from tsbench.geometry.elementary import exp
+from tsbench.geometry.elementary import exp, wrap
 from tsbench.geometry.polyline import Array
 from tsbench.learn.fixed_point import Linear, snap, tanh
 from tsbench.learn.rl.actions import normal_quantile

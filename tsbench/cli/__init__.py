@@ -10,8 +10,7 @@ from typing import Any
 import click
 
 from tsbench import __version__
-from tsbench.core.errors import InputError, TsbenchError
-from tsbench.core.extras import load, missing_extra
+from tsbench.core.errors import InputError, TsbenchError, load, missing_extra
 from tsbench.core.streams import STDOUT, standard_streams
 
 # By section of --help: command, where it is, and its line there.

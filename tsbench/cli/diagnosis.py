@@ -18,18 +18,16 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsbench.core.errors import InputError
-from tsbench.core.extras import install_command
+from tsbench.core.errors import InputError, install_command
 from tsbench.core.xmlfile import sha256
 from tsbench.run import edition
 from tsbench.run.edition import SCORING
 from tsbench.scenarios.certificates import bases, certificates_of
-from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.data_set import SPLITS, DataSet
 from tsbench.scenarios.map_pool import known_map_ids
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path
-from tsbench.scenarios.table import SPLITS
 
 if TYPE_CHECKING:
     from packaging.requirements import Requirement

@@ -17,8 +17,7 @@ from tsbench.board.submit import make_submission
 from tsbench.board.verification import ClaimVerdict, Verification
 from tsbench.board.verification import verify as run_verify
 from tsbench.cli import EXIT_FAILED, EXIT_NOT_COMPARABLE, options
-from tsbench.core.errors import InputError
-from tsbench.core.extras import load
+from tsbench.core.errors import InputError, load
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.streams import progress_console
 from tsbench.planners.planner_spec import PlannerSpec

@@ -19,8 +19,7 @@ from tsbench.run.arguments import options_in
 from tsbench.run.log.manifest import city_of, read_manifest
 from tsbench.run.plan import choose_types, types_and_groups
 from tsbench.run.run_options import RunOptions
-from tsbench.scenarios.data_set import DataSet
-from tsbench.scenarios.table import SPLITS
+from tsbench.scenarios.data_set import SPLITS, DataSet
 from tsbench.signs.countries import Country, load_country
 
 if TYPE_CHECKING:

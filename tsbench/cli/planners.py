@@ -12,8 +12,7 @@ from rich.table import Table
 
 from tsbench.cli import options
 from tsbench.cli.console import print_table
-from tsbench.core.errors import InputError
-from tsbench.core.extras import load
+from tsbench.core.errors import InputError, load
 from tsbench.episode.outcome import Outcome
 from tsbench.planners import registry
 from tsbench.planners.check import Level, check_statically

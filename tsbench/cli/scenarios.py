@@ -39,11 +39,10 @@ from tsbench.report.analyses.analysis import to_csv
 from tsbench.report.wording import scene_facts
 from tsbench.run.edition import earlier_splits
 from tsbench.scenarios.certificates import certificates_of
-from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.data_set import SPLITS, DataSet
 from tsbench.scenarios.scene_loader import SceneLoader, load_scene
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
-from tsbench.scenarios.table import SPLITS
 from tsbench.signs.countries import Country
 from tsbench.sim.sumo import Simulation
 

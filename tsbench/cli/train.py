@@ -31,7 +31,7 @@ from tsbench.learn.imitation.recipe import (
 from tsbench.learn.oracle.trajectories import trajectories_path
 from tsbench.learn.plant2.plant2_planner import StopPolicy
 from tsbench.metrics.intervals import share_ends
-from tsbench.planners.floor.codes import Plate
+from tsbench.planners.floor.guess import Plate
 from tsbench.planners.weights import Network, network
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader

@@ -11,8 +11,7 @@ import numpy as np
 
 from tsbench.core.errors import InputError, PlannerOutputError, SimulationError, cause_in_planner, cause_of
 from tsbench.core.seeds import floor_seed, planner_seed
-from tsbench.episode.command import Plan, to_command, to_plan
-from tsbench.episode.observation import Observer, destination_on_map, ego_on_map
+from tsbench.episode.observation import Observer, Plan, destination_on_map, ego_on_map, to_command, to_plan
 from tsbench.episode.outcome import EpisodeFacts, EpisodeResult, Outcome, Phase, TerminationCheck
 from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.planners.base import Control, Observation, PlannerContext, Privilege, Trajectory

@@ -10,7 +10,7 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from tsbench.core.parquet import columns, fields_of
-from tsbench.episode.command import Plan
+from tsbench.episode.observation import Plan
 from tsbench.geometry.polyline import Array
 from tsbench.sim.world import Actors, ActorTable, EgoState, WorldSnapshot
 

@@ -13,8 +13,7 @@ from typing import Generic, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from tsbench.geometry.angles import wrap
-from tsbench.geometry.elementary import Array
+from tsbench.geometry.elementary import Array, wrap
 from tsbench.planners.base import Observation
 from tsbench.planners.speed_profile import PathSamples, speed_at, speed_profile
 from tsbench.roads.lane_graph import RoutePath

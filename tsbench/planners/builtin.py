@@ -17,10 +17,10 @@ CARL = learned("carl", "tsbench.learn.rl.carl_planner:Carl")
 PLANT2 = learned("plant2", "tsbench.learn.plant2.plant2_planner:Plant2")
 PLANT2_FT = learned("plant2-ft", "tsbench.learn.plant2.plant2_planner:Plant2Ft", sign_access=True, chooses_route=True)
 BLIND, COIN = (
-    PlannerEntry(f"tsbench.planners.floor.blind:{name}", "floor", sign_access=False, chooses_route=True, floor=True)
+    PlannerEntry(f"tsbench.planners.floor.guess:{name}", "floor", sign_access=False, chooses_route=True, floor=True)
     for name in ("Blind", "Coin")
 )
-CODES = PlannerEntry("tsbench.planners.floor.codes:Codes", "floor", chooses_route=True, floor=True)
+CODES = PlannerEntry("tsbench.planners.floor.guess:Codes", "floor", chooses_route=True, floor=True)
 PLANT2_BLIND = learned(
     "plant2-blind", "tsbench.learn.plant2.plant2_planner:Plant2Blind", chooses_route=True, floor=True
 )
@@ -39,7 +39,7 @@ READER, CAREFUL = (
     PlannerEntry(f"tsbench.planners.reader:{name}", "expert", privileged=True) for name in ("Reader", "Careful")
 )
 CAUTIOUS, ELDERLY, ASSERTIVE = (
-    PlannerEntry(f"tsbench.planners.legal_styles:{name}", "expert", privileged=True)
+    PlannerEntry(f"tsbench.planners.styles:{name}", "expert", privileged=True)
     for name in ("Cautious", "Elderly", "Assertive")
 )
 

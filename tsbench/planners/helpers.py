@@ -6,8 +6,8 @@ import math
 from dataclasses import replace
 
 from tsbench.planners.base import Observation, PlannerContext, SignView
+from tsbench.planners.geometry import HALF_LENGTH_M, moving_ahead, obstacle_ahead
 from tsbench.planners.speed_profile import PathSamples, speed_at, speed_profile
-from tsbench.planners.swept_path import HALF_LENGTH_M, moving_ahead, obstacle_ahead
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import Crossing, MapLane, RoadMap
 from tsbench.signs.catalog import load_catalog

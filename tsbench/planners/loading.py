@@ -11,8 +11,7 @@ from pathlib import Path
 from types import ModuleType
 
 import tsbench
-from tsbench.core.errors import InputError, cause_of
-from tsbench.core.extras import CHECKOUTS, install_command
+from tsbench.core.errors import CHECKOUTS, InputError, cause_of, install_command
 
 
 def import_attribute(source: str, attribute: str, where: str) -> object:

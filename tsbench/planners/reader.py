@@ -16,7 +16,7 @@ from tsbench.core.errors import InputError
 from tsbench.planners.base import Control, Observation, PlannerContext, Privilege, SignView
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.experts.rules.constraint import slow_to
-from tsbench.planners.floor.blind import Blind
+from tsbench.planners.floor.guess import Blind
 from tsbench.planners.helpers import identified, sign_ahead
 from tsbench.planners.idm import Idm, IdmParameters
 

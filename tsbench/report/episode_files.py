@@ -11,8 +11,7 @@ from pathlib import Path
 
 import cv2
 
-from tsbench.core.errors import InputError
-from tsbench.core.extras import load
+from tsbench.core.errors import InputError, load
 from tsbench.core.parallel import worker_processes
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.trace import Trace, trace_path

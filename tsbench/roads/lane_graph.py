@@ -13,7 +13,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from tsbench.core.frozen import Frozen
-from tsbench.geometry.angles import turn_class, wrap
+from tsbench.geometry.elementary import turn_class, wrap
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.roads.network import Connection, RoadNetwork
 from tsbench.roads.reserved_lanes import ContraflowLane, contraflow_lanes, open_lanes

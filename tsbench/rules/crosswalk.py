@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from tsbench.geometry.footprint import boxes_overlap
-from tsbench.rules.crossing_people import CrossingPeople
-from tsbench.rules.events import Excursion
-from tsbench.rules.monitor import Monitor
+from tsbench.rules.crossing import CrossingPeople
+from tsbench.rules.monitor import Excursion, Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import CrosswalkParams

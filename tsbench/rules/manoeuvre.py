@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tsbench.geometry.angles import U_TURN, turn_class, wrap
+from tsbench.geometry.elementary import U_TURN, turn_class, wrap
 from tsbench.roads.lane_graph import heading_change
 from tsbench.roads.network import RoadNetwork
 from tsbench.rules.lines import is_out

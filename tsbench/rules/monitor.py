@@ -1,12 +1,15 @@
-"""What a monitor is, and what it says; the zone of a plate. Source: docs/rules.md, "Verdict"."""
+"""What a monitor is, and what it says; the zone of a plate. Source: docs/rules.md, "Verdict".
+
+Events of one monitor: edge-triggered excursions with evidence. Source: docs/rules.md, "Verdict".
+"""
 
 from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 
 from tsbench.core.errors import InputError
-from tsbench.rules.events import EventLog, Excursion, Verdict, Violation
 from tsbench.rules.lines import ApproachLine, Road
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
@@ -101,3 +104,164 @@ class Zone:
 
 def _end_plate(sign: SignInstance, signs: tuple[SignInstance, ...]) -> SignInstance | None:
     return next((s for s in signs if s.ends == sign.id), None)
+
+
+@dataclass(frozen=True, slots=True)
+class Violation:
+    """One event: one excursion over a clause's threshold, edge-triggered.
+
+    Times in s, pose in m and rad (ego centre, at the moment that decides), speed in m/s; `value`, `threshold`
+    and `margin` (how far beyond the threshold, > 0) in `unit`; `other`: SUMO id of the other road user or
+    obstacle. The moment that decides is the start of the excursion; `value` is the worst of the excursion.
+    """
+
+    rule: str
+    clause: str
+    sign_id: str
+    sign_code: str
+    start_s: float
+    end_s: float
+    x: float
+    y: float
+    heading: float
+    speed: float
+    value: float
+    threshold: float
+    margin: float
+    unit: str
+    other: str | None
+    sentence: str
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """Engaged at all? Which events? In how many ticks was a clause broken?"""
+
+    sign_id: str
+    engaged: bool
+    violations: tuple[Violation, ...]
+    violating_steps: int
+
+    @property
+    def compliant(self) -> bool:
+        """No violation event of this sign's rule."""
+        return not self.violations
+
+
+class EventLog:
+    """Collects the events of one plate, and apart from them the ticks in which a clause was broken."""
+
+    def __init__(self, sign: SignInstance, rule: RuleSpec) -> None:
+        self._sign = sign
+        self._rule = rule
+        self._violations: list[Violation] = []
+        self._steps: set[int] = set()
+
+    def mark(self, step: int) -> None:
+        """A clause was broken at this tick."""
+        self._steps.add(step)
+
+    def clauses(self) -> tuple[str, ...]:
+        """Of each event so far its clause, as they were entered."""
+        return tuple(event.clause for event in self._violations)
+
+    def event(
+        self,
+        clause_id: str,
+        start: WorldSnapshot,
+        end_s: float,
+        value: float,
+        threshold: float,
+        other: str | None = None,
+    ) -> None:
+        """Enter one event; its margin is the distance of `value` from `threshold`."""
+        clause = self._rule.clause(clause_id)
+        ego, margin = start.ego, abs(value - threshold)
+        self._violations.append(
+            Violation(
+                rule=self._rule.name, clause=clause_id, sign_id=self._sign.id, sign_code=self._sign.code,
+                start_s=start.time, end_s=end_s, x=ego.x, y=ego.y, heading=ego.heading, speed=ego.speed,
+                value=value, threshold=threshold, margin=margin, unit=clause.unit, other=other,
+                sentence=clause.sentence(
+                    sign_code=self._sign.code, time_s=start.time, value=value, threshold=threshold,
+                    margin=margin, other=other,
+                ),
+            )
+        )  # fmt: skip
+
+    def verdict(self, engaged: bool) -> Verdict:
+        """The verdict; a rule that was broken has bound the ego, whatever its decision window says."""
+        events = sorted(self._violations, key=lambda v: (v.start_s, v.clause, v.other or ""))
+        return Verdict(self._sign.id, engaged or bool(events), tuple(events), len(self._steps))
+
+
+class Excursion:
+    """The open excursion of one clause, from the first tick that breaks it to the last that does.
+
+    The event gets the worst value; `smaller_is_worse` for clauses that set a minimum.
+    """
+
+    def __init__(self, log: EventLog, clause: str, smaller_is_worse: bool = False) -> None:
+        self._log = log
+        self.clause = clause
+        self._sign = -1.0 if smaller_is_worse else 1.0
+        self._start: WorldSnapshot | None = None
+        self._end_s = self._value = self._threshold = 0.0
+        self._other: str | None = None
+
+    @property
+    def open(self) -> bool:
+        """Is an excursion under way?"""
+        return self._start is not None
+
+    def broken(self, snapshot: WorldSnapshot, value: float, threshold: float, other: str | None = None) -> None:
+        """The clause is broken at this tick."""
+        if self._start is None:
+            self._start, self._value, self._threshold, self._other = snapshot, value, threshold, other
+        elif self._sign * (value - self._value) > 0.0:
+            self._value = value
+        self._end_s = snapshot.time
+        self._log.mark(snapshot.step)
+
+    def close(self) -> None:
+        """The clause is kept at this tick, or the episode is over."""
+        if self._start is not None:
+            self._log.event(self.clause, self._start, self._end_s, self._value, self._threshold, self._other)
+            self._start = None
+
+
+_LEAST_EXCESS = 1e-6
+
+
+class InAll:
+    """The excursions of one clause that hold longer (or farther) than `most` in all.
+
+    One begins with its first tick, and becomes an event once the whole is too much: its value.
+    """
+
+    def __init__(self, excursion: Excursion, most: float) -> None:
+        self._excursion, self._most = excursion, most
+        self._whole = 0.0
+        self._ticks: list[WorldSnapshot] = []
+
+    @property
+    def open(self) -> bool:
+        """Is an excursion that is an event under way?"""
+        return self._excursion.open
+
+    def add(self, snapshot: WorldSnapshot, amount: float, is_told: bool = False) -> None:
+        """The clause is broken at this tick. amount: of time or way. is_told: by another event, so by none of these."""
+        self._whole += amount
+        if is_told:
+            self._ticks.clear()
+            return
+        self._ticks.append(snapshot)
+        if self._whole > self._most + _LEAST_EXCESS:
+            for tick in self._ticks:
+                self._excursion.broken(tick, self._whole, self._most)
+            self._ticks.clear()
+
+    def keep(self) -> None:
+        """It is kept at this tick."""
+        self._ticks.clear()
+        self._excursion.close()

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from tsbench.core.extras import import_all
+from tsbench.core.errors import import_all
 from tsbench.roads.network import RoadNetwork
 from tsbench.rules.monitor import Monitor, Verdict, Violation
 from tsbench.rules.needless_detour import NeedlessDetour

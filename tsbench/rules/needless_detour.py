@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
-from tsbench.rules.events import InAll
 from tsbench.rules.lines import is_out
-from tsbench.rules.monitor import Monitor
+from tsbench.rules.monitor import InAll, Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.contrast import WayParams
 from tsbench.sim.scene import Scene

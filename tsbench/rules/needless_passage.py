@@ -15,7 +15,7 @@ from tsbench.geometry.polyline import join
 from tsbench.roads.blocking import PriorityGap, blockers, clearance_s
 from tsbench.roads.junction_paths import junction_paths, path_zones
 from tsbench.roads.priority import RULE_FOLLOWING, PriorityVehicles
-from tsbench.rules.crossing_people import CrossingPeople
+from tsbench.rules.crossing import CrossingPeople
 from tsbench.rules.monitor import Monitor, Verdict
 from tsbench.rules.open_speed import Leaders, MeanSpeeds, OpenSpeed, at_metre, bend_speeds
 from tsbench.signs.annotations import SignInstance

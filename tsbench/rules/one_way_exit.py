@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from tsbench.geometry.angles import wrap
+from tsbench.geometry.elementary import wrap
 from tsbench.rules.manoeuvre import Manoeuvre
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec

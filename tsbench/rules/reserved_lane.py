@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from tsbench.geometry.footprint import boxes_overlap, share_in_band
-from tsbench.rules.events import InAll
-from tsbench.rules.monitor import Monitor
+from tsbench.rules.monitor import InAll, Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import ReservedLaneParams

@@ -12,8 +12,8 @@ import numpy as np
 
 from tsbench.geometry.polyline import Polyline, join
 from tsbench.roads.network import Connection, RoadNetwork
-from tsbench.rules.events import InAll
 from tsbench.rules.give_way import GiveWay
+from tsbench.rules.monitor import InAll
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
 from tsbench.signs.plate_params import RoundaboutParams

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 
-from tsbench.rules.events import InAll
-from tsbench.rules.monitor import Monitor
+from tsbench.rules.monitor import InAll, Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S, EgoState, WorldSnapshot

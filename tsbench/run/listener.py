@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
-from tsbench.core.errors import InputError
-from tsbench.core.extras import load
+from tsbench.core.errors import InputError, load
 from tsbench.planners.loading import import_attribute
 from tsbench.run.log.record import Row
 

@@ -13,11 +13,10 @@ from typing import Any
 
 from tsbench.core.errors import InputError
 from tsbench.run.arguments import option
-from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.data_set import SPLITS, DataSet
 from tsbench.scenarios.map_pool import known_map_ids
 from tsbench.scenarios.spec import HALVES, ScenarioSpec
 from tsbench.scenarios.store import check_files
-from tsbench.scenarios.table import SPLITS
 from tsbench.signs.catalog import Catalog
 
 # With what the drawn ones are drawn of each of.

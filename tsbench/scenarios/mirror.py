@@ -14,7 +14,7 @@ from types import MappingProxyType
 from lxml import etree
 
 from tsbench.core.xmlfile import parse
-from tsbench.geometry.angles import wrap
+from tsbench.geometry.elementary import wrap
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.annotations import sumo_angle
 from tsbench.signs.catalog import Catalog, mirrored_code, mirrored_slot

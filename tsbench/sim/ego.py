@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsbench.core.errors import PlannerOutputError
-from tsbench.geometry.angles import wrap
+from tsbench.geometry.elementary import wrap
 from tsbench.geometry.polyline import Array
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S, WHEELBASE_M

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 import tsbench
-from tsbench.board.isolation.commands import command_message, read_command
-from tsbench.board.isolation.episode_messages import Decoder, Encoder
+from tsbench.board.isolation.episode_messages import Decoder, Encoder, command_message, read_command
 from tsbench.board.isolation.protocol import HEAD, MOST_BYTES, ProtocolError, read_answer
 from tsbench.core.errors import PlannerOutputError
 from tsbench.core.frozen import Frozen

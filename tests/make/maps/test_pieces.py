@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsbench.geometry.angles import wrap_deg
+from tsbench.geometry.elementary import wrap_deg
 from tsbench.make.maps.pieces import chord_over_arc, cut, densified, heading_away, heading_towards, length
 
 coordinate = st.floats(-500, 500).map(lambda value: round(value, 2))

@@ -15,8 +15,8 @@ from tsbench.make.maps.source import load_source
 from tsbench.make.scenes.map_scenarios import SiteBuilder
 from tsbench.make.scenes.recipe import load_recipe
 from tsbench.run.edition import editions
+from tsbench.scenarios.data_set import read_table, scene_editions
 from tsbench.scenarios.map_pool import read_pool
-from tsbench.scenarios.table import read_table, scene_editions
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
 

@@ -16,7 +16,7 @@ from pool_builders import corridor, crossroads, prepared, recipe_of, two_way
 from simworld import CALM, LIMIT, cross_plain, road_plain, simulation
 from test_route_scenes import TYPES, ways
 
-from tsbench.geometry.angles import wrap
+from tsbench.geometry.elementary import wrap
 from tsbench.geometry.polyline import Polyline
 from tsbench.make.maps.plain import PlainEdge, PlainNet, PlainNode, split_edge
 from tsbench.make.placements.by_name import placement_of

@@ -20,10 +20,10 @@ from tsbench.make.city import load_city
 from tsbench.make.scenes import build as build_module
 from tsbench.make.scenes.build import BuildRequest, TypeBuilder, TypeReport, _reason_class, build_scenarios
 from tsbench.make.scenes.recipe import Recipe, load_recipe, stratum_of
+from tsbench.scenarios.data_set import SPLITS, read_table
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path
-from tsbench.scenarios.table import SPLITS, read_table
 from tsbench.signs.catalog import load_catalog
 
 QUOTA = {"straight/2": 8, "straight/3": 8, "curved/2": 4, "curved/3": 4}

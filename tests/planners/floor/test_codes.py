@@ -12,9 +12,8 @@ from planner_loop import World, load
 from tsbench.cli.train import count_plates, write_counts
 from tsbench.core.files import sha256_of
 from tsbench.planners.base import Control, Observation, SignView
-from tsbench.planners.floor import codes
-from tsbench.planners.floor.blind import Blind
-from tsbench.planners.floor.codes import Codes, Plate, counts, read_counts, signed_odds
+from tsbench.planners.floor import guess
+from tsbench.planners.floor.guess import Blind, Codes, Plate, counts, read_counts, signed_odds
 from tsbench.planners.idm import Idm
 from tsbench.roads.lane_graph import Destination
 from tsbench.scenarios.data_set import DataSet
@@ -110,7 +109,7 @@ def test_the_counts_that_it_drives_by_are_those_that_it_was_published_with() -> 
     signed, contrast = (counts()[one] for one in (SIGNED, CONTRAST))
     assert signed[0] > signed[1]
     assert contrast[0] < contrast[1]
-    assert sha256_of(Path(codes.__file__).with_name("codes.csv")) == PUBLISHED
+    assert sha256_of(Path(guess.__file__).with_name("codes.csv")) == PUBLISHED
 
 
 def test_counts_are_those_of_the_scenes(tmp_path: Path) -> None:

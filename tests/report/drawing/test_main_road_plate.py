@@ -8,8 +8,7 @@ import pytest
 from lxml import etree
 
 from tsbench.report.drawing.canvas import Area, DrawnPlate
-from tsbench.report.drawing.main_road_plate import main_road_rgba, main_road_svg
-from tsbench.report.drawing.road_shapes import mark_shapes, stop_lines
+from tsbench.report.drawing.road_shapes import main_road_rgba, main_road_svg, mark_shapes, stop_lines
 from tsbench.report.drawing.scene_shapes import furniture_shapes
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader

@@ -16,8 +16,7 @@ from contextlib import suppress
 from typing import Any
 
 from tsbench.board.isolation import protocol
-from tsbench.board.isolation.commands import command_message
-from tsbench.board.isolation.episode_messages import Decoder
+from tsbench.board.isolation.episode_messages import Decoder, command_message
 from tsbench.board.isolation.leavings import Leavings
 from tsbench.core.errors import InputError, cause_in_planner
 from tsbench.core.machine import adopt_orphans

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from tsbench.board.isolation import protocol
-from tsbench.board.isolation.commands import read_command
-from tsbench.board.isolation.episode_messages import Encoder
+from tsbench.board.isolation.episode_messages import Encoder, read_command
 from tsbench.board.isolation.image import Container
 from tsbench.board.isolation.planner_files import PlannerFiles
 from tsbench.board.isolation.protocol import ProtocolError

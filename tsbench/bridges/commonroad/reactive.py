@@ -37,7 +37,7 @@ from commonroad_rp.utility.config import (
 from commonroad_rp.utility.utils_coordinate_system import create_coordinate_system
 
 from tsbench.bridges.commonroad.scenario import LiveScenario, state_of, walls
-from tsbench.geometry.angles import wrap
+from tsbench.geometry.elementary import wrap
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.planners.base import Observation, PlannerContext, Trajectory
 from tsbench.planners.geometry import EGO, RouteLine, route_line

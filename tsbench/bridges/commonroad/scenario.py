@@ -25,7 +25,7 @@ from commonroad.scenario.traffic_sign import TrafficSign, TrafficSignElement, Tr
 from commonroad.scenario.trajectory import Trajectory
 
 from tsbench.bridges.commonroad_lanelets import SIGN_NUMBERS
-from tsbench.geometry.angles import wrap
+from tsbench.geometry.elementary import wrap
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.planners.base import Observation, PlannerContext, SignView
 from tsbench.planners.geometry import lane_polygon

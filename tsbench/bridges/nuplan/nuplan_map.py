@@ -20,7 +20,7 @@ import shapely
 
 from tsbench.bridges.nuplan import states
 from tsbench.core.errors import InputError
-from tsbench.geometry.angles import wrap
+from tsbench.geometry.elementary import wrap
 from tsbench.geometry.polyline import Array, Polyline, join
 from tsbench.planners.geometry import lane_polygon
 from tsbench.roads.road_map import Crossing, MapEdge, MapLane, RoadMap

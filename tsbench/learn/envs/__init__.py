@@ -7,7 +7,7 @@ Or let Gymnasium import it, in worker processes too: `gymnasium.make("tsbench.le
 
 from __future__ import annotations
 
-from tsbench.core.extras import missing_extra
+from tsbench.core.errors import missing_extra
 from tsbench.learn.envs.reward import SIGNS
 from tsbench.learn.rl.actions import action_for
 

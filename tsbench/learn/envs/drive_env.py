@@ -35,11 +35,10 @@ from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Control, Observation
 from tsbench.run.arguments import keywords, switch, text, type_words, whole_number
 from tsbench.run.plan import BOTH, VARIANTS, choose_half, choose_types, choose_variants
-from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.data_set import SPLITS, DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
-from tsbench.scenarios.table import SPLITS
 from tsbench.sim.sumo import Simulation
 
 if TYPE_CHECKING:

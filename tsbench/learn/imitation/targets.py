@@ -41,9 +41,9 @@ from tsbench.learn.plant2.sign_tokens import STOPPED_MPS, Vocabulary
 from tsbench.learn.plant2.tokens import Pose
 from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
+from tsbench.planners.geometry import HALF_LENGTH_M, moving_ahead, obstacle_ahead
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.planners.speed_profile import PathSamples
-from tsbench.planners.swept_path import HALF_LENGTH_M, moving_ahead, obstacle_ahead
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.model import RuleSpec

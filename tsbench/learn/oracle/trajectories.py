@@ -27,7 +27,7 @@ from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, columns, open_table, 
 from tsbench.core.paths import data_file
 from tsbench.core.text import one_line
 from tsbench.core.typed import typed
-from tsbench.episode.command import to_command
+from tsbench.episode.observation import to_command
 from tsbench.episode.outcome import EpisodeFacts, EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.metrics.comfort import comfort

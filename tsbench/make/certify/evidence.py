@@ -16,8 +16,8 @@ import numpy as np
 from lxml import etree
 
 from tsbench.core.seeds import rng_of
-from tsbench.episode.blind_view import blind_bytes
 from tsbench.episode.outcome import EpisodeFacts
+from tsbench.episode.traffic_view import blind_bytes
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
 from tsbench.planners.idm import Idm, IdmParameters

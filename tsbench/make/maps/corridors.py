@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from tsbench.geometry.angles import wrap_deg
+from tsbench.geometry.elementary import wrap_deg
 from tsbench.make.maps.pieces import EdgePiece, chord_over_arc, cut, length, make_row
 from tsbench.make.maps.source import SourceNetwork
 from tsbench.make.maps.utm import Floats

@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 
 from tsbench.core.errors import InputError
-from tsbench.geometry.angles import wrap_deg
+from tsbench.geometry.elementary import wrap_deg
 from tsbench.make.maps.corridors import corridor_pieces, find_corridors
 from tsbench.make.maps.dual_paths import dual_path_pieces, find_dual_paths
 from tsbench.make.maps.junctions import find_junctions, junction_pieces

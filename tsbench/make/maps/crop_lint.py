@@ -19,7 +19,7 @@ from sumolib.net import readNet
 from sumolib.net.lane import Lane
 
 from tsbench.core.errors import InputError
-from tsbench.geometry.angles import SUMO_TURNS
+from tsbench.geometry.elementary import SUMO_TURNS
 from tsbench.make.maps.netconvert import build_net, sumo_binary, sumo_environment
 from tsbench.make.maps.plain import PlainNet
 from tsbench.scenarios.map_pool import PoolRow

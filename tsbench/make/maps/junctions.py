@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import cKDTree
 
-from tsbench.geometry.angles import STRAIGHT_DEG, wrap_deg
+from tsbench.geometry.elementary import STRAIGHT_DEG, wrap_deg
 from tsbench.make.maps.pieces import EdgePiece, arm_pieces, heading_away, make_row
 from tsbench.make.maps.source import SourceNetwork
 from tsbench.scenarios.map_pool import PoolRow

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tsbench.geometry.angles import wrap_deg
+from tsbench.geometry.elementary import wrap_deg
 from tsbench.make.city import extract_info
 from tsbench.make.maps.plain import PlainEdge, PlainNet, PlainNode
 from tsbench.make.maps.source import SourceNetwork

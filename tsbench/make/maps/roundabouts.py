@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tsbench.geometry.angles import wrap_deg
+from tsbench.geometry.elementary import wrap_deg
 from tsbench.make.city import extract_info
 from tsbench.make.maps.pieces import EdgePiece, make_row, point_at
 from tsbench.make.maps.source import SourceNetwork

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from itertools import permutations
 from typing import Any
 
-from tsbench.geometry.angles import LEFT, U_TURN
+from tsbench.geometry.elementary import LEFT, U_TURN
 from tsbench.make.maps.plain import PlainNet
 from tsbench.make.placements.junction_priority import through_arms, with_priorities
 from tsbench.make.placements.placement import (

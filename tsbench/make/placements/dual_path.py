@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
-from tsbench.geometry.angles import LEFT, RIGHT, SUMO_TURNS
+from tsbench.geometry.elementary import LEFT, RIGHT, SUMO_TURNS
 from tsbench.make.maps.plain import PlainNet
 from tsbench.make.placements.obedient_way import (
     check_way,

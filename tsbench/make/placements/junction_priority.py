@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import Any
 
-from tsbench.geometry.angles import STRAIGHT_DEG, U_TURN
+from tsbench.geometry.elementary import STRAIGHT_DEG, U_TURN
 from tsbench.geometry.overlap import ConflictZone, conflict_zone
 from tsbench.geometry.polyline import Polyline, bend_speed
 from tsbench.make.maps.plain import PlainNet

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 import shapely
 
-from tsbench.geometry.angles import STRAIGHT, turn_class
+from tsbench.geometry.elementary import STRAIGHT, turn_class
 from tsbench.geometry.polyline import Polyline, join
 from tsbench.make.maps.pieces import heading_away, heading_towards
 from tsbench.make.maps.plain import PlainEdge, PlainNet

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from lxml import etree
 
-from tsbench.geometry.angles import wrap_deg
+from tsbench.geometry.elementary import wrap_deg
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.make.maps.plain import PlainConnection, PlainEdge, PlainLane, PlainNet, Point, split_edge
 from tsbench.make.placements.placement import (

@@ -36,12 +36,11 @@ from tsbench.make.scenes.split import split_pool, with_places
 from tsbench.make.seeds import seed_of
 from tsbench.run.edition import editions, release_city
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates, write_certificates
-from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.data_set import SPLITS, DataSet, read_table, write_table
 from tsbench.scenarios.map_pool import PoolRow, read_pool
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder, store_path, write_store
-from tsbench.scenarios.table import SPLITS, read_table, write_table
 from tsbench.sim.sumo import Simulation
 
 APART_M = 60.0

@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 from lxml import etree
 
-from tsbench.geometry.angles import LEFT, RIGHT
+from tsbench.geometry.elementary import LEFT, RIGHT
 from tsbench.make.scenes.plate_roads import PlateRoads, WayOn
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import TARGET, SignInstance

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from tsbench.geometry.angles import STRAIGHT, TURNS, U_TURN
+from tsbench.geometry.elementary import STRAIGHT, TURNS, U_TURN
 from tsbench.make.scenes.placed_plates import CLOSED, ONE_WAY, PlacedPlates, PlateHere
 from tsbench.make.scenes.scene_lint import PLATE_SIDE_M
 from tsbench.roads.network import RoadNetwork

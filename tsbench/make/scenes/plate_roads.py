@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 from itertools import pairwise
 from operator import attrgetter
 
-from tsbench.geometry.angles import LEFT, RIGHT, STRAIGHT, U_TURN, turn_class, wrap
+from tsbench.geometry.elementary import LEFT, RIGHT, STRAIGHT, U_TURN, turn_class, wrap
 from tsbench.geometry.polyline import Polyline
 from tsbench.roads.lane_graph import LaneGraph, heading_change
 from tsbench.roads.network import Edge

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from tsbench.geometry.angles import wrap
+from tsbench.geometry.elementary import wrap
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork

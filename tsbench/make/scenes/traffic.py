@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsbench.geometry.angles import STRAIGHT
+from tsbench.geometry.elementary import STRAIGHT
 from tsbench.make.scenes.plate_roads import PlateRoads
 from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.roads.network import Lane, RoadNetwork

@@ -1,4 +1,7 @@
-"""Keeping out of lanes: beside those that others use, and past a zone on the other side of the road. Units: m, rad."""
+"""Keeping out of lanes: beside those that others use, and past a zone on the other side of the road. Units: m, rad.
+
+Speeds that fit a post without its number: the start betrays that. Units: m, s, m/s; plates' numbers km/h.
+"""
 
 from __future__ import annotations
 
@@ -7,14 +10,16 @@ import math
 import numpy as np
 
 from tsbench.planners.base import Observation, PlannerContext
-from tsbench.planners.experts.rules.constraint import RuleConstraint
+from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
 from tsbench.planners.experts.rules.obstacle_pass import shifted
+from tsbench.planners.experts.rules.speed_constraint import KMH
+from tsbench.planners.geometry import HALF_LENGTH_M, moving_ahead
 from tsbench.planners.lane_change import gap_free
-from tsbench.planners.swept_path import HALF_LENGTH_M
+from tsbench.planners.speed_profile import PathSamples
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import MapLane
 from tsbench.sim.navigation import RouteView
-from tsbench.sim.world import EgoState
+from tsbench.sim.world import DT_S, EgoState
 
 _WINDOW_M = 15.0
 _INTO_M, _BACK_BY_M = 0.5, 2.2
@@ -22,6 +27,22 @@ _BEFORE_POST_M, _SHORTEST_M, _BACK_M = 4.0, 12.0, 10.0
 _BACK_BEFORE_END_M = 8.0
 _LOOK_M = 200.0
 _CHANGE_M = 30.0
+
+
+# Limits that are posted, and by how much a scene starts above them.
+_LIMITS_KMH = (20.0, 30.0, 40.0)
+_EXCESS_MPS = (3.61, 7.75, 30.0 * KMH)
+# Least speeds that are posted, and by how much a scene starts below.
+_LEAST_KMH = (40.0, 50.0, 60.0)
+_DEFICIT_KMH = (18.0, 14.66, 12.0)
+_SAME_KMH = 0.1
+# What is tolerated above a limit, less a hair; the other half's limit is so far below the least speed.
+_ABOVE_KMH, _BELOW_LEAST_KMH = 0.9, 9.1
+_BRAKE_MPS2, _HOLD_BRAKE_MPS2 = 2.5, 2.0
+_EXCUSES_M, _SLOWER_KMH = 40.0, 4.0
+_CLOSE_UP_MPS2, _CLOSE_UP_BRAKE_MPS2 = 3.0, 5.0
+_EARLY_M, _STOP_BEFORE_M = 1.0, 2.0
+_HELD_S, _HELD_MPS = 3.2, 0.4
 
 
 class OwnPath(RuleConstraint):
@@ -98,3 +119,72 @@ def _holds(lane: MapLane, x: float, y: float, heading: float) -> bool:
 def _somebody_comes(seen: Observation, lanes: list[MapLane]) -> bool:
     on_it = np.isin(seen.actors.lane, [lane.index for lane in lanes])
     return bool(on_it.any())
+
+
+def limit_of(start: float) -> float:
+    """The posted limit that a scene with this starting speed has, km/h; the lowest that there is where none fits."""
+    fits = [
+        limit for limit in _LIMITS_KMH for excess in _EXCESS_MPS if abs(start / KMH - limit - excess / KMH) < _SAME_KMH
+    ]
+    return min(fits, default=min(_LIMITS_KMH))
+
+
+def least_speed(start: float) -> float | None:
+    """The posted minimum likewise, km/h; None where none fits."""
+    pairs = ((least, deficit) for least in _LEAST_KMH for deficit in _DEFICIT_KMH)
+    return next((m for m, deficit in pairs if abs(start / KMH - m + deficit) < _SAME_KMH), None)
+
+
+class SlowFrom(RuleConstraint):
+    """From a post on as fast as its limit tolerates: whether that is too slow depends on who else is there.
+
+    post: arc length on the route.
+    """
+
+    def __init__(self, post: float, limit_kmh: float) -> None:
+        self._post, self._limit = post, (limit_kmh + _ABOVE_KMH) * KMH
+
+    def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
+        to_go = self._post - _EARLY_M - route.s - HALF_LENGTH_M
+        return -math.inf, slow_to(observation.ego.speed, self._limit, to_go, _BRAKE_MPS2)
+
+
+class BehindLeader(SlowFrom):
+    """From a post on as fast as the lower plate tolerates, behind a leader who excuses that under the higher one.
+
+    Before the post it closes up, hard, and brakes as hard.
+    """
+
+    def __init__(self, post: float, least_kmh: float) -> None:
+        super().__init__(post, least_kmh - _BELOW_LEAST_KMH - _ABOVE_KMH)
+        self._excuses = (least_kmh - _SLOWER_KMH) * KMH
+        self._led: bool | None = None
+
+    def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
+        v = observation.ego.speed
+        if self._led is None:
+            ahead = moving_ahead(PathSamples(route.path), route.s, _EXCUSES_M, observation.actors)
+            self._led = any(speed < self._excuses for _, speed in ahead)
+        if not self._led:
+            return FREE
+        to_go = self._post - _EARLY_M - route.s - HALF_LENGTH_M
+        spare = self._limit * self._limit + 2.0 * _CLOSE_UP_BRAKE_MPS2 * max(to_go - v * DT_S, 0.0) - v * v
+        if to_go > 0.0 and spare > 0.0:
+            return _CLOSE_UP_MPS2, math.inf
+        most = slow_to(v, self._limit, to_go, _CLOSE_UP_BRAKE_MPS2)
+        return -math.inf, most
+
+
+class HeldStop(RuleConstraint):
+    """Holds before a post for as long as a closed road asks for; drives on if that was not the end of it."""
+
+    def __init__(self, post: float) -> None:
+        self._post, self._since = post, math.inf
+
+    def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
+        v, to_go = observation.ego.speed, self._post - _STOP_BEFORE_M - route.s - HALF_LENGTH_M
+        if v < _HELD_MPS and to_go < _STOP_BEFORE_M:
+            self._since = min(self._since, observation.time)
+        if observation.time - self._since > _HELD_S:
+            return FREE
+        return -math.inf, slow_to(v, 0.0, to_go, _HOLD_BRAKE_MPS2)

@@ -11,7 +11,7 @@ import numpy as np
 
 from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
-from tsbench.planners.swept_path import HALF_LENGTH_M
+from tsbench.planners.geometry import HALF_LENGTH_M
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import ActorKind

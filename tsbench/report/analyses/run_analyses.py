@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsbench.core.extras import load
+from tsbench.core.errors import load
 from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import PlannerSummary, Summary
 from tsbench.metrics.breakdown import COMPLETED, STRICT, StrictAndCompleted

@@ -37,7 +37,7 @@ from tsbench.report.drawing.canvas import (
     Shape,
     cone_places,
 )
-from tsbench.report.drawing.main_road_plate import main_road_rgba
+from tsbench.report.drawing.road_shapes import main_road_rgba
 from tsbench.signs.plates import plate_rgba
 
 

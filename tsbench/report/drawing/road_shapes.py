@@ -1,7 +1,11 @@
-"""The road surface, its markings and the ground around it (buildings, greenery, water) as shapes. Units: m, rad."""
+"""The road surface, its markings and the ground around it (buildings, greenery, water) as shapes. Units: m, rad.
+
+Plate 8.13 as a picture.
+"""
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
@@ -10,17 +14,20 @@ from types import MappingProxyType
 
 import numpy as np
 import shapely
+from PIL import Image as PilImage
+from resvg_py import svg_to_bytes
 
 from tsbench.core.parquet import GROUND_FILE, GROUND_KINDS, GROUND_SCHEMA, open_table
 from tsbench.geometry.overlap import strip
 from tsbench.geometry.polyline import Polyline
-from tsbench.report.drawing.canvas import STYLE, Area, Line, dashes, lane_area, rounded
+from tsbench.report.drawing.canvas import STYLE, Area, Image, Line, dashes, lane_area, rounded
 from tsbench.roads.network import Edge, Lane, RoadNetwork
 from tsbench.roads.road_map import Crossing
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.annotations import TARGET, SignInstance
 from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim import main_road
+from tsbench.sim.main_road import MainRoad
 from tsbench.sim.scene import Scene
 
 _ROUND_M = 0.15
@@ -42,6 +49,9 @@ _ACROSS_SIN = 0.6
 _MOUTH_RULES = frozenset({"no_entry", "closed_road"})
 # Where people wait, beyond the kerb: as deep as netconvert makes it, and wider than the crossing.
 _APRON_M = (3.0, 1.6)
+
+
+_MAIN_PX, _OTHER_PX, _REACH_PX = 30, 11, 78
 
 
 def road_shapes(network: RoadNetwork, scene: Scene | None = None) -> Iterator[Area | Line]:
@@ -300,3 +310,31 @@ def _ground_of_maps(path: Path) -> MappingProxyType[str, tuple[Area, ...]]:
         if row["kind"] in GROUND_KINDS:
             found.setdefault(row["map_id"], []).append(Area(row["kind"], shapely.from_wkb(row["shape"])))
     return MappingProxyType({name: tuple(shapes) for name, shapes in found.items()})
+
+
+def main_road_svg(key: str) -> str:
+    """The plate of a name (`MainRoad.key`) as an SVG document of 200 x 200 units."""
+    road = MainRoad.of(key)
+    return (
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 200 200"><title>8.13 Main road\'s direction</title>'
+        '<rect x="3" y="3" width="194" height="194" rx="12" fill="#ffffff" stroke="#1a1a1a" stroke-width="6"/>'
+        '<g fill="none" stroke="#1a1a1a" stroke-linejoin="round">'
+        f"{''.join(_way((angle,), _OTHER_PX) for angle in road.others)}{_way(road.main, _MAIN_PX)}</g></svg>"
+    )
+
+
+def _way(angles: Sequence[int], width: int) -> str:
+    """A road through the middle (two angles), or to it (one)."""
+    ends = [(100 - _REACH_PX * math.sin(math.radians(a)), 100 - _REACH_PX * math.cos(math.radians(a))) for a in angles]
+    points = [ends[0], (100.0, 100.0), *ends[1:]]
+    return f'<polyline stroke-width="{width}" points="{" ".join(f"{x:.1f},{y:.1f}" for x, y in points)}"/>'
+
+
+@lru_cache(maxsize=256)
+def main_road_rgba(key: str, size_px: int) -> Image:
+    """The plate of a name, read-only (size_px, size_px, 4), RGB with straight alpha."""
+    png = svg_to_bytes(svg_string=main_road_svg(key), width=size_px, height=size_px, skip_system_fonts=True)
+    with PilImage.open(io.BytesIO(png)) as picture:
+        pixels = np.array(picture.convert("RGBA"))
+    pixels.setflags(write=False)
+    return pixels

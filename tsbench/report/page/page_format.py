@@ -32,7 +32,7 @@ from markupsafe import Markup
 import tsbench
 from tsbench.geometry.polyline import Array
 from tsbench.report.drawing.canvas import ATTRIBUTION, STYLE, Area, Body, DrawnPlate, Line, Shape, cone_places
-from tsbench.report.drawing.main_road_plate import main_road_svg
+from tsbench.report.drawing.road_shapes import main_road_svg
 from tsbench.signs.plates import plate_svg
 from tsbench.sim import main_road
 

@@ -12,8 +12,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from tsbench.core.errors import InputError
-from tsbench.core.extras import load
+from tsbench.core.errors import InputError, load
 from tsbench.core.files import io_errors_as_input_errors
 from tsbench.core.machine import MemoryUse, cause_of_end, own_cores, resident_mb
 from tsbench.run.execution.executor import Executor, Limits

@@ -30,7 +30,7 @@ from tsbench.run import arithmetic, opened_files
 from tsbench.run.edition import SCORING, standing_contract
 from tsbench.run.log.schema import SCHEMA_VERSION
 from tsbench.run.planner_info import PlannerInfo
-from tsbench.scenarios.table import SplitName
+from tsbench.scenarios.data_set import SplitName
 
 Manifest = dict[str, Any]
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from tsbench.planners.base import Observation, PlannerContext, Privilege
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
+from tsbench.planners.geometry import HALF_LENGTH_M, moving_ahead
 from tsbench.planners.speed_profile import PathSamples
-from tsbench.planners.swept_path import HALF_LENGTH_M, moving_ahead
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.signs.plate_params import CrosswalkParams
 from tsbench.sim.navigation import RouteView

@@ -6,7 +6,7 @@ import math
 from collections.abc import Set as AbstractSet
 
 from tsbench.core.errors import InputError
-from tsbench.geometry.angles import U_TURN, turn_class
+from tsbench.geometry.elementary import U_TURN, turn_class
 from tsbench.planners.base import Observation, PlannerContext, Privilege
 from tsbench.planners.experts.rules.constraint import RuleConstraint
 from tsbench.roads.lane_graph import MapGraph, Turn, heading_change
