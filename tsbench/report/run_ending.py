@@ -8,10 +8,13 @@ from __future__ import annotations
 import shlex
 import textwrap
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from types import MappingProxyType
 from typing import Any
+
+import pyarrow.compute as pc
 
 import tsbench
 from tsbench.core.benchmark import TYPES
@@ -37,6 +40,11 @@ _BIBTEX = """@software{{tsbench,
   version = {{{version}}},
   note    = {{edition {edition}, scoring {scoring}}},
 }}"""
+# Of a record, all that a failure is told from.
+_COLUMNS = (
+    "planner", "scenario_id", "scenario_type", "pair_id", "half", "sign_code", "sign_value", "outcome", "error", "scd",
+    "violation_clause", "at_fault", "collision_partner", "duration_s", "route_completion",
+)  # fmt: skip
 # What failures are grouped by, with the field of a failure that it is.
 GROUPINGS = MappingProxyType({"planner": "planner", "type": "type", "clause": "cause"})
 _ENDS = {
@@ -114,11 +122,13 @@ class Failure:
 def failures_of(run: StoredRun) -> list[Failure]:
     """A run's failed episodes, by planner in the order of the run and by scenario."""
     place = {name: k for k, name in enumerate(run.asked)}
-    rows = [row for row in run.episodes.to_pylist() if not row["scd"]]
-    return [_failure(row, run) for row in sorted(rows, key=lambda row: place[row["planner"]])]
+    episodes = run.episodes.select(_COLUMNS)
+    rows = episodes.filter(pc.invert(episodes["scd"])).to_pylist()
+    words = cache(sign_words)
+    return [_failure(row, run, words) for row in sorted(rows, key=lambda row: place[row["planner"]])]
 
 
-def _failure(row: Mapping[str, Any], run: StoredRun) -> Failure:
+def _failure(row: Mapping[str, Any], run: StoredRun, words: Callable[[str, float | None], str]) -> Failure:
     story = run.stories.get((row["planner"], row["scenario_id"]))
     if row["error"]:
         cause, sentence = "error", one_line(row["error"])
@@ -128,7 +138,7 @@ def _failure(row: Mapping[str, Any], run: StoredRun) -> Failure:
     else:
         cause, sentence = row["outcome"], _ending(row)
     names = {name: row[name] for name in ("planner", "scenario_id", "half", "outcome")}
-    kind, plate = (pair_type(row["pair_id"], row["scenario_type"]), sign_words(row["sign_code"], row["sign_value"]))
+    kind, plate = (pair_type(row["pair_id"], row["scenario_type"]), words(row["sign_code"], row["sign_value"]))
     return Failure(**names, type=kind, plate=plate, cause=cause, sentence=sentence)
 
 

@@ -11,6 +11,7 @@ from functools import cached_property
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import pyarrow as pa
 import pyarrow.compute as pc
@@ -182,6 +183,11 @@ def _check_selection(a: StoredRun, b: StoredRun) -> None:
 # Which halves of a pair were passed, by whether the signed and the contrast half was.
 PASSES = {(True, True): "both", (True, False): "only signed", (False, True): "only contrast", (False, False): "none"}
 Key = tuple[str, str]
+# Columns of a record that reports show and players need: a whole record takes six times the memory.
+_INDEXED = (
+    "planner", "scenario_id", "scenario_type", "group", "map_id", "variant", "pair_id", "half", "outcome", "error",
+    "sign_compliant", "scd", "violation_clause", "violation_time_s", "driving_score",
+)  # fmt: skip
 Row = Mapping[str, Any]
 
 
@@ -208,19 +214,22 @@ class EpisodeIndex:
 
 def index_episodes(pool: RunPool) -> EpisodeIndex:
     """Look for the traces of a pool's episodes. Raises InputError for a table that cannot be read."""
-    rows: list[Row] = [row for run in pool.runs for row in run.episodes.to_pylist()]
+    rows: list[Row] = [row for run in pool.runs for row in run.episodes.select(_INDEXED).to_pylist()]
     place = {name: k for k, name in enumerate(pool.planners)}
     rows.sort(key=lambda row: (place[row["planner"]], row["scenario_id"]))
     stories = {key: story for run in pool.runs for key, story in run.stories.items()}
-    expected = {
-        trace_path(pool.home[row["planner"]].path, row["planner"], row["scenario_id"]): k for k, row in enumerate(rows)
-    }
+    numbers = {(row["planner"], row["scenario_id"]): k for k, row in enumerate(rows)}
     there: dict[int, Path] = {}
     notes = []
     for run in pool.runs:
         found = [p for p in sorted((run.path / "traces").rglob("*.parquet")) if not p.name.startswith(".")]
-        there |= {expected[path]: path for path in found if path in expected}
-        strays = [path for path in found if path not in expected]
+        strays = []
+        for path in found:
+            key = unquote(path.parent.name), unquote(path.stem)
+            if key in numbers and path == trace_path(pool.home[key[0]].path, *key):
+                there[numbers[key]] = path
+            else:
+                strays.append(path)
         if strays:
             names = ", ".join(str(path.relative_to(run.path)) for path in strays[:3])
             more = "" if len(strays) <= 3 else f" and {len(strays) - 3} more"
