@@ -12,17 +12,18 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from PIL import Image as PilImage
+from run_builders import episode, make_run
 
 from tsbench.cli.episodes import render as command
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.episode.trace import Trace, read_trace, trace_path, write_trace
-from tsbench.report import episode_files as module
 from tsbench.report.drawing.birds_eye import BirdsEye
 from tsbench.report.drawing.canvas import STYLE, VIOLATION_SHADE, PageSize, camera_at, camera_over
 from tsbench.report.drawing.paint import label, paint, shorten, text_width, wrap
 from tsbench.report.drawing.scene_shapes import staged_bodies, start_shapes
 from tsbench.report.scene_pictures import film, picture_kind, render_png, render_scene_png, scene_picture
+from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.signs.countries import load_country
 from tsbench.sim.scene import Obstacle, Scene, SceneFile
 
@@ -239,9 +240,13 @@ def test_a_country_changes_the_caption_only(trace: Trace, scene: Scene) -> None:
 
 @pytest.fixture
 def run(tmp_path: Path, trace: Trace, scene: Scene, monkeypatch: pytest.MonkeyPatch) -> Path:
-    assert trace.planner == "idm"
-    monkeypatch.setattr(module, "load_scene", lambda *_: scene)
-    return tmp_path / "run"
+    name = trace.spec.scenario_id
+    records = [episode(planner, 0, 0, 0, scenario_id=name) for planner in ("idm", "my.py:P")]
+    folder = make_run(tmp_path / "made", records)
+    (tmp_path / "run" / "traces").rename(folder / "traces")
+    write_trace(trace_path(folder, "my.py:P", name), made.result(an_episode(), planner="my.py:P"))
+    monkeypatch.setattr(SceneLoader, "load", lambda *_: (scene, None))
+    return folder
 
 
 def call(*arguments: object) -> tuple[str, BaseException | None]:
@@ -250,7 +255,7 @@ def call(*arguments: object) -> tuple[str, BaseException | None]:
 
 
 def test_the_command(run: Path, tmp_path: Path) -> None:
-    output, error = call(run, made.spec().scenario_id)
+    output, error = call(run, f"idm/{made.spec().scenario_id}")
     assert error is None
     assert Path(output.strip()) == run / "pictures" / "idm" / "speed_limit-000-0.png"
     assert Path(output.strip()).stat().st_size > 10_000
@@ -261,22 +266,18 @@ def test_the_command(run: Path, tmp_path: Path) -> None:
 
 def test_the_command_with_wrong_names(run: Path, tmp_path: Path) -> None:
     for arguments, words in (
-        ((tmp_path / "nowhere", "e"), "no such run folder"),
-        ((run, "other"), "no trace of 'other'; there are idm/speed_limit-000-0"),
-        ((run, "idm/other"), "no trace of 'idm/other'"),
+        ((tmp_path / "nowhere", "e"), "no run folder"),
+        ((run, "other"), "no episode 'other'; there are idm/speed_limit-000-0"),
+        ((run, "idm/other"), "no episode 'idm/other'"),
         ((run, made.spec().scenario_id, "--out", tmp_path / "x.bmp"), "which format"),
-        ((run, made.spec().scenario_id, "--time", "-1"), "lasts from 0"),
+        ((run, f"idm/{made.spec().scenario_id}", "--time", "-1"), "lasts from 0"),
     ):
         _, error = call(*arguments)
         assert isinstance(error, InputError)
         assert words in str(error)
-    (tmp_path / "empty").mkdir()
-    _, error = call(tmp_path / "empty", "e")
-    assert "kept no traces" in str(error)
 
 
 def test_an_episode_of_several_planners_must_be_named(run: Path) -> None:
-    write_trace(trace_path(run, "my.py:P", made.spec().scenario_id), made.result(an_episode(), planner="my.py:P"))
     _, error = call(run, made.spec().scenario_id)
     assert isinstance(error, InputError)
     assert "idm/speed_limit-000-0, my.py:P/speed_limit-000-0" in str(error)
