@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tsbench.cli import main
 from tsbench.core.streams import progress_console, standard_streams
 
 COMMAND = f"{sys.executable} -c 'from tsbench.cli import main; main()'"
@@ -105,3 +106,23 @@ def test_streams_of_somebody_else_stay(monkeypatch: pytest.MonkeyPatch) -> None:
         progress_console().print("told")
     assert sys.stdout is sys.stderr is mine
     assert mine.getvalue() == "told\n"
+
+
+def as_a_module(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "tsbench", *arguments], capture_output=True, text=True, check=False)
+
+
+def test_it_prints_the_same_help(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["--help"])
+    assert ended.value.code == 0
+    shown = as_a_module("--help")
+    assert (shown.returncode, shown.stderr) == (0, "")
+    assert shown.stdout == capsys.readouterr().out
+    assert shown.stdout.startswith("Usage: tsbench [OPTIONS] COMMAND")
+
+
+def test_it_refuses_with_the_same_line_and_code() -> None:
+    told = as_a_module("run", "--split", "moon", "--planner", "idm")
+    assert (told.returncode, told.stdout) == (2, "")
+    assert told.stderr.startswith("error: Invalid value for '--split': 'moon' is not one of")
