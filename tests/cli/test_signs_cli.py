@@ -121,28 +121,29 @@ def test_convert_says_what_it_did_not_take(tmp_path: Path) -> None:
     assert done.stdout.count("\n") == 1
 
 
-def test_convert_says_what_is_wrong(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no such file"):
-        call_maps("convert", str(tmp_path / "none.osm"), "--out", str(tmp_path / "one.net.xml"))
-
-
 def test_stats_of_the_committed_pool(tmp_path: Path) -> None:
     said = call_maps("stats", "--png", str(tmp_path / "map.png"))
     assert "Maps by family and shape" in said
     assert (tmp_path / "map.png").stat().st_size > 10_000
 
 
-def test_harvest_of_an_empty_folder(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="no OSM extract"):
-        call_maps("harvest", "--osm", str(tmp_path), "--out", str(tmp_path / "pool.parquet"))
-
-
-def test_show_of_an_unknown_map(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="j-nowhere-0: no such map"):
-        call_maps("show", "j-nowhere-0", "--out", str(tmp_path / "x.png"))
-
-
 @pytest.mark.parametrize("box", ["1,2,3", "a,b,c,d", "37.7,55.7,37.6,55.8", "30,50,40,60"])
 def test_a_bad_box_is_one_line(box: str) -> None:
     with pytest.raises(InputError, match="--bbox"):
         parse_box(box)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["convert", "none.osm", "--out", "one.net.xml"], "no such file"),
+        (["harvest", "--osm", ".", "--out", "pool.parquet"], "no OSM extract"),
+        (["show", "j-nowhere-0", "--out", "x.png"], "j-nowhere-0: no such map"),
+    ],
+)
+def test_maps_that_are_not_there(
+    arguments: list[str], said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=said):
+        call_maps(*arguments)

@@ -6,7 +6,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-from run_helpers import HERE
 
 import tsbench
 from tsbench.board.isolation.isolated_loading import describe as describe_isolated
@@ -76,7 +75,7 @@ def test_a_file_outside_a_sandbox_is_not_wiped(drivers: str, tmp_path: Path) -> 
     assert SECOND in commands
 
 
-PLANNER = f"{HERE / 'device_planner.py'}:Steady"
+PLANNER = f"{DRIVERS}:Steady"
 
 
 def devices(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, device: str) -> set[str]:
