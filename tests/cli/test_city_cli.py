@@ -1,9 +1,12 @@
-"""`tsbench city` and `--city` from the outside: a town from its extract to a table of drivers."""
+"""`tsbench city`, `--city`, `seal` and `maps convert` of a city: a town from its extract to a table of drivers."""
 
 from __future__ import annotations
 
 import hashlib
+import json
+import re
 import shutil
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,26 +14,72 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import yaml
-from odd_extracts import motorway
-from town import make_town
-from town_clone import call, town_clone
+from odd_extracts import BUILT, grid, motorway
+from town import EAST, Town, make_town
 
 import tsbench
+from tsbench.cli import main
+from tsbench.core import paths as repository_paths
 from tsbench.core.errors import InputError
-from tsbench.core.paths import using_city
+from tsbench.core.paths import CITY, using_city
 from tsbench.learn.envs.drive_env import DriveEnv
 from tsbench.make.maps.utm import UtmFrame
+from tsbench.make.seeds import SECRET, rng_of, root_sequence, seed_of, using_secret
+from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.run.edition import contract_now, edition_now, edition_of, editions
 from tsbench.scenarios.data_set import DataSet
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 NORTH = 5_540_000.0
+FEW = ("--types", "yield", "--workers", "1")
 
 
 @pytest.fixture(scope="module")
 def clone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    with town_clone(tmp_path_factory.mktemp("clone")) as root:
+    """What a clone has besides code and tables, with a made-up town as a city that is not built yet.
+
+    The town is the city `nowhere` of zone 32; all of it is dev.
+    """
+    root = tmp_path_factory.mktemp("clone")
+    shutil.copytree(REPOSITORY / "sumo_nets" / "netconvert", root / "sumo_nets" / "netconvert")
+    shutil.copytree(REPOSITORY / "scenarios" / "recipes", root / "scenarios" / "recipes")
+    shutil.copy(REPOSITORY / "scenarios" / "nuplan_statistics.json", root / "scenarios")
+    shutil.copytree(REPOSITORY / "sign_catalog", root / "sign_catalog")
+    shutil.copytree(REPOSITORY / "cities", root / "cities", ignore=shutil.ignore_patterns("data"))
+    extract = root / "osm" / "nowhere.osm"
+    extract.parent.mkdir()
+    extract.write_text(make_town().xml(UtmFrame(32), NORTH), encoding="utf-8")
+    digest = hashlib.sha256(extract.read_bytes()).hexdigest()
+    city = yaml.safe_load((root / "cities" / "north-bayreuth.yaml").read_text())
+    city |= {"city": "nowhere", "split": {"tile_m": 2000, "test_share": 0.0}, "maps": {"dev": 1}}
+    city["extracts"] = [
+        city["extracts"][0] | {"name": "nowhere", "code": "now", "sha256": digest, "bytes": extract.stat().st_size}
+    ]
+    (root / "cities" / "nowhere.yaml").write_text(yaml.safe_dump(city))
+    (root / "cities" / "elsewhere.yaml").write_text(yaml.safe_dump(city | {"city": "elsewhere", "zone": 33}))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TSBENCH_DATA", str(root))
+        patch.delenv(CITY, raising=False)
+        patch.setenv("COLUMNS", "200")
+        repository_paths.data_root.cache_clear()
         yield root
+    repository_paths.data_root.cache_clear()
+
+
+def call(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> str:
+    with pytest.raises(SystemExit) as ended:
+        main(list(arguments))
+    told = capsys.readouterr()
+    assert ended.value.code == code, told.out + told.err
+    assert DataSet.in_use().name == "moscow", "a command leaves its city behind"
+    if code:
+        assert told.err.strip().count("\n") == 0, told.err
+    return told.out + told.err
+
+
+def rows_of(data: Path) -> list[dict[str, object]]:
+    rows: list[dict[str, object]] = pq.read_table(data / "scenarios" / "dev.parquet").to_pylist()
+    return rows
 
 
 @pytest.mark.slow
@@ -41,7 +90,7 @@ def test_from_an_extract_to_a_table(clone: Path, tmp_path: Path, capsys: pytest.
     assert "yield" in built, "an option that is given twice adds to what stood before"
     assert "tsbench run --city nowhere --split dev" in built, "what has no test split is not asked for it"
     data = clone / "cities" / "data" / "nowhere"
-    rows = pq.read_table(data / "scenarios" / "dev.parquet").to_pylist()
+    rows = rows_of(data)
     assert {(r["split"], r["half"]) for r in rows} == {("dev", "signed"), ("dev", "contrast")}
     assert all(r["map_id"].split("-")[1] == "now" for r in rows)
     # Interrupted or not: the same again, to the byte.
@@ -136,7 +185,7 @@ def test_a_town_with_traffic_on_the_left(
 
 def test_a_city_without_any_scene_says_why_in_one_line(clone: Path, capsys: pytest.CaptureFixture[str]) -> None:
     described(clone, "motorway", motorway())
-    osm = ("--osm", str(clone / "osm"), "--types", "yield", "--workers", "1")
+    osm = ("--osm", str(clone / "osm"), *FEW)
     told = call(capsys, "city", "build", "motorway", *osm, code=2)
     assert "motorway: its 2 maps carry no scenario: no junction of T, X in its tiles (tsbench city show" in told
     assert not (clone / "cities" / "data" / "motorway" / "edition.yaml").exists()
@@ -203,3 +252,166 @@ def test_an_extract_of_another_zone_is_no_part_of_a_city(
     assert "nowhere is in UTM zone 32, elsewhere in UTM zone 33: one pool is of one city" in told
     told = call(capsys, "maps", "harvest", "--osm", str(tmp_path), "--workers", "1", code=2)
     assert "nowhere is in UTM zone 32, moscow in UTM zone 37" in told
+
+
+# Five hundred junctions are read in a test of their own; to cut and build as many takes minutes.
+SMALLER = {"grid.osm": lambda: grid(4, 3)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", sorted(BUILT))
+def test_an_odd_extract_ends_in_a_data_set_or_in_a_line(
+    file: str, clone: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    name, content = file.partition(".")[0], {**BUILT, **SMALLER}[file]()
+    described(clone, name, content)
+    with pytest.raises(SystemExit) as ended:
+        main(["city", "build", name, "--osm", str(clone / "osm"), *FEW])
+    told = capsys.readouterr()
+    data = clone / "cities" / "data" / name
+    if ended.value.code:
+        assert (ended.value.code, told.err.strip().count("\n")) == (2, 0), told.err
+        assert told.err.startswith("error: ")
+        assert not (data / "edition.yaml").exists()
+    else:
+        rows = rows_of(data)
+        assert {(row["split"], row["half"]) for row in rows} == {("dev", "signed"), ("dev", "contrast")}
+        assert (data / "edition.yaml").exists()
+
+
+def crossing(side: str) -> str:
+    """Two roads that cross, and a ring that is driven as where traffic keeps to this side."""
+    town = Town()
+    town.road([(0, 0), (150, 0), (300, 0)], "residential")
+    town.road([(150, -150), (150, 0), (150, 150)], "residential", lanes="2")
+    angles = (-1.0 if side == "left" else 1.0) * np.radians(np.arange(0, 360, 15))
+    ring = [(600 + 20 * float(np.cos(a)), 20 * float(np.sin(a))) for a in angles]
+    town.road([*ring, ring[0]], "tertiary", junction="roundabout", oneway="yes")
+    for x, y in ring[::6]:
+        town.road([(x, y), (600 + 8 * (x - 600), 8 * y)], "tertiary")
+    return town.xml(UtmFrame(32), NORTH)
+
+
+@pytest.fixture(scope="module")
+def crossings(clone: Path) -> Path:
+    city = yaml.safe_load((clone / "cities" / "nowhere.yaml").read_text())
+    city |= {"city": "lefthand", "country": "gb", "side": "left", "types": "town.typ.xml"}
+    (clone / "cities" / "lefthand.yaml").write_text(yaml.safe_dump(city))
+    for side in ("left", "right"):
+        (clone / f"{side}.osm").write_text(crossing(side), encoding="utf-8")
+    return clone
+
+
+def converted(crossings: Path, capsys: pytest.CaptureFixture[str], side: str, city: str) -> RoadNetwork:
+    out = crossings / f"{side}.net.xml"
+    said = call(capsys, "maps", "convert", "--city", city, str(crossings / f"{side}.osm"), "--out", str(out))
+    assert f"; traffic on the {side}" in said
+    assert "lies in UTM zone" not in said
+    return read_network(out)
+
+
+@pytest.mark.parametrize(("side", "city", "sign"), [("left", "lefthand", 1.0), ("right", "nowhere", -1.0)])
+def test_roads_are_where_they_are_and_traffic_on_its_side(
+    side: str, city: str, sign: float, crossings: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    network = converted(crossings, capsys, side, city)
+    # Eastwards on the road at this northing, the lane is north of the middle or south of it.
+    aside = {lane.edge: float(np.median(lane.line.points[:, 1])) - NORTH for lane in network.lanes}
+    assert sign * aside["501#0"] == pytest.approx(1.6, abs=0.5)
+    assert sign * aside["-501#0"] == pytest.approx(-1.6, abs=0.5)
+    text = (crossings / f"{side}.net.xml").read_text()
+    assert ('lefthand="true"' in text) is (side == "left")
+    west, _, east, _ = map(float, re.findall(r'convBoundary="([^"]*)"', text)[0].split(","))
+    assert (west, east) == pytest.approx((EAST, EAST + 760.0), abs=1.0)
+    assert text.count("<roundabout ") == 1
+
+
+def test_an_extract_of_elsewhere_is_said_to_be_one(crossings: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = (str(crossings / "left.osm"), "--out", str(crossings / "x.net.xml"))
+    said = call(capsys, "maps", "convert", "--city", "elsewhere", *files)
+    assert "lies in UTM zone 32, elsewhere in 33, and has the side and limits of elsewhere" in said
+
+
+@pytest.mark.slow
+def test_sealed_scenes_are_committed_to_run_and_checked(
+    clone: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data, keys = clone / "cities" / "data" / "nowhere", [tmp_path / name for name in ("mine", "another")]
+    shutil.rmtree(data, ignore_errors=True)
+    for key in keys:
+        call(capsys, "seal", "secret", str(key))
+        assert stat.S_IMODE(key.stat().st_mode) == 0o600
+    assert "File exists" in call(capsys, "seal", "secret", str(keys[0]), code=2)
+
+    def built(key: Path, code: int = 0) -> str:
+        return call(
+            capsys, "seal", "build", "nowhere", "--secret", str(key), "--osm", str(clone / "osm"), *FEW, code=code
+        )
+
+    assert "tsbench seal commit nowhere" in built(keys[0])
+    mine = rows_of(data)
+    assert "begun with another secret" in built(keys[1], code=2)
+    assert "0 problems" in call(capsys, "scenarios", "verify", "--city", "nowhere")
+    asked = ("--planner", "idm", "--limit", "2", "--workers", "1", "--out", str(tmp_path / "run"))
+    assert "nowhere-" in call(capsys, "run", "--city", "nowhere", "--split", "dev", *asked)
+
+    published = tmp_path / "commitments.json"
+    call(capsys, "seal", "commit", "nowhere", "--out", str(published))
+    told = published.read_text(encoding="utf-8")
+    assert keys[0].read_text(encoding="utf-8").strip() not in told
+    assert json.loads(told)["rows"]["dev"]["yield"] == len(mine)
+    # What is published leads to no scene: no id, no seed, no map.
+    assert not any(str(row[key]) in told for row in mine for key in ("scenario_id", "map_id", "seed"))
+    check = ("seal", "check", str(published), "--secret")
+    assert "and the secret" in call(capsys, *check, str(keys[0]))
+    assert "is not the secret that was committed to" in call(capsys, *check, str(keys[1]), code=1)
+
+    store = data / "scenarios" / "scenes" / "dev" / "yield.parquet"
+    kept = store.read_bytes()
+    store.write_bytes(kept[:-1] + b"x")
+    (data / "scenarios" / "more.parquet").write_bytes(kept)
+    found = call(capsys, *check, str(keys[0]), code=1)
+    assert "scenarios/scenes/dev/yield.parquet: has SHA-256" in found
+    assert "scenarios/more.parquet: is here and was not committed to" in found
+    store.unlink()
+    assert "yield.parquet: was committed to and is not here" in call(capsys, *check, str(keys[0]), code=1)
+
+    # Whoever has the secret makes the same files again; without it, or with another, come other scenes.
+    shutil.rmtree(data)
+    built(keys[0])
+    assert "all " in call(capsys, *check, str(keys[0]))
+    for key in (keys[1], None):
+        shutil.rmtree(data)
+        if key is None:
+            call(capsys, "city", "build", "nowhere", "--osm", str(clone / "osm"), *FEW)
+            assert "was built without a secret" in built(keys[0], code=2)
+            assert "is not sealed" in call(capsys, "seal", "commit", "nowhere", "--out", str(published), code=2)
+        else:
+            built(key)
+        other = rows_of(data)
+        assert {row["seed"] for row in other}.isdisjoint(row["seed"] for row in mine)
+
+
+@pytest.mark.slow
+def test_draws_are_the_public_ones_but_with_a_secret(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from tsbench.core import seeds
+
+    monkeypatch.delenv(SECRET, raising=False)
+    assert seed_of("a", 1) == seeds.seed_of("a", 1)
+    assert rng_of("a").random() == seeds.rng_of("a").random()
+    assert root_sequence(7).entropy == [seeds.ROOT_SEED, 7]
+    key = tmp_path / "key"
+    key.write_text("0" * 63 + "1\n", encoding="utf-8")
+    with using_secret(key):
+        assert seed_of("a", 1) != seeds.seed_of("a", 1)
+        assert root_sequence(7).entropy == [seeds.ROOT_SEED, 7, 1]
+    assert seed_of("a", 1) == seeds.seed_of("a", 1)
+
+
+@pytest.mark.slow
+def test_what_is_no_secret_or_no_commitment_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    wrong = tmp_path / "file"
+    wrong.write_text("{}", encoding="utf-8")
+    asked = ("seal", "build", "krems", "--secret", str(wrong))
+    assert "is no secret" in call(capsys, *asked, code=2)
+    assert f"{wrong}: schema: is missing" in call(capsys, "seal", "check", str(wrong), code=2)

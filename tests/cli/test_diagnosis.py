@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tsbench.cli import diagnosis
+from tsbench.cli import diagnosis, main
 from tsbench.cli.diagnosis import REPAIR, Diagnosis, Status, alone, check_packages, judge_packages, locked
 from tsbench.core import paths
 from tsbench.core.errors import InputError
@@ -180,3 +180,24 @@ def test_an_old_python(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(diagnosis.sys, "version_info", (3, 10, 2))
     (finding,) = diagnosis.check_python()
     assert (finding.status, finding.remedy) == (Status.FAILED, "install Python 3.11 or later")
+
+
+@pytest.mark.parametrize(
+    ("status", "code", "last"), [(Status.NOTE, 0, "nothing is in the way"), (Status.FAILED, 1, "failed: 1")]
+)
+def test_findings_and_exit_code(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], status: Status, code: int, last: str
+) -> None:
+    def check() -> Iterator[Diagnosis]:
+        yield Diagnosis(Status.OK, "Python", "fine")
+        yield Diagnosis(status, "data", "a file [b]is[/b] gone", "bring it back")
+
+    monkeypatch.setattr(diagnosis, "CHECKS", {"all": check})
+    with pytest.raises(SystemExit) as ended:
+        main(["doctor"])
+    assert ended.value.code == code
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split() == ["ok", "Python", "fine"]
+    assert "a file [b]is[/b] gone" in lines[1]
+    assert lines[2].strip() == "-> bring it back"
+    assert lines[3] == last

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import csv
 import gzip
 import importlib
 import re
 import shutil
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,6 +17,7 @@ import pytest
 from tsbench.cli import main
 from tsbench.core import paths as repository_paths
 from tsbench.make.maps.netconvert import build_net
+from tsbench.make.scenes.traffic import Car
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
 from tsbench.scenarios.certificates import Certificate, bases, certificates_path, write_certificates
@@ -63,12 +66,22 @@ def made_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return root
 
 
-def certificate(spec: ScenarioSpec, basis: str) -> Certificate:
+def certificate(spec: ScenarioSpec, basis: str = "", density: float = 0.0) -> Certificate:
     """One that says what it is of, and that nobody solves it."""
     return Certificate(
-        spec.scenario_id, spec.scenario_type, spec.split, 0, "", 1.0, "idm", "arrived", False, False, 0.0, 0.0, 0, 0,
-        0.0, "", "", basis, 1, None,
+        spec.scenario_id, spec.scenario_type, spec.split, 0, "", 1.0, "idm", "arrived", False, False, density, density,
+        0, 0, 0.0, "", "", basis, 1, None,
     )  # fmt: skip
+
+
+@contextmanager
+def in_force(root: Path) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("TSBENCH_DATA", str(root))
+        patch.setenv("COLUMNS", "200")
+        repository_paths.data_root.cache_clear()
+        yield
+    repository_paths.data_root.cache_clear()
 
 
 @pytest.fixture
@@ -76,12 +89,8 @@ def data(made_data: Path, tmp_path: Path) -> Iterator[Path]:
     """A copy in force for one test, which may break it."""
     root = tmp_path / "data"
     shutil.copytree(made_data, root, symlinks=True)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TSBENCH_DATA", str(root))
-        patch.setenv("COLUMNS", "200")
-        repository_paths.data_root.cache_clear()
+    with in_force(root):
         yield root
-    repository_paths.data_root.cache_clear()
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str, expect: int = 0) -> str:
@@ -235,3 +244,52 @@ def test_a_missing_pool_and_report(data: Path, capsys: pytest.CaptureFixture[str
     (data / "sumo_nets" / "pool.parquet").unlink()
     assert "maps harvest" in run(capsys, "verify", expect=2)
     assert "maps harvest" in run(capsys, "build", "--osm", ".", expect=2)
+
+
+@pytest.fixture
+def traffic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A nominal row, and one with traffic."""
+    root = tmp_path / "data" / "scenarios"
+    root.mkdir(parents=True)
+    (tmp_path / "data" / "sign_catalog").symlink_to(ROOT / "sign_catalog")
+    shutil.copy(ROOT / "scenarios" / "nuplan_statistics.json", root)
+    build_net(world.road_plain(), root / "road.net.xml.gz")
+    maker = world.SceneMaker(root, root / "road.net.xml.gz", read_network(root / "road.net.xml.gz"))
+    cars = [Car(f"bg_{k}", 0, 0.0, ("road",), k, 100.0) for k in range(3)]
+    rows = [
+        maker.make(
+            f"row{k}", EgoStart("road_0", 20.0, 8.0), Destination("road", 280.0), ("road",),
+            world.speed_plate(maker.network, "road", 200.0), cars=cars,
+        )
+        for k in range(2)
+    ]  # fmt: skip
+    rows[1] = replace(rows[1], variant=1, density=4.0)
+    write_table(rows, root / "test.parquet")
+    world.store_scenes(rows, root, root)
+    write_certificates([certificate(rows[0]), certificate(rows[1], density=13.3)], certificates_path(root))
+    # The one simulation of this process is lent to the command.
+    monkeypatch.setattr("tsbench.sim.sumo.Simulation", lambda: world.simulation())
+    monkeypatch.setattr(world.simulation(), "close", lambda: None)
+    with in_force(tmp_path / "data"):
+        yield root
+
+
+def test_prints_distances_and_draws(traffic: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "out"
+    told = run(capsys, "calibration", "--split", "test", "--out", str(out))
+    for quantity, n in (("initial speed", 1), ("density", 1)):
+        (line,) = [x for x in told.splitlines() if quantity in x]
+        assert f" {n} " in line
+        assert "missed" in line  # one value is no distribution
+    (line,) = [x for x in told.splitlines() if "cruise speed" in x]
+    assert "no goal" in line
+    assert (out / "calibration.png").read_bytes()[:4] == b"\x89PNG"
+    assert "<svg" in (out / "calibration.svg").read_text()
+    (first, *_) = csv.DictReader((out / "calibration.csv").read_text().splitlines())
+    assert [first[k] for k in ("quantity", "n", "goal")] == ["initial speed", "1", "missed"]
+    assert "Calibration of traffic: scenarios (test split)" in (out / "calibration.tex").read_text()
+
+
+def test_tables_without_traffic_are_one_line(traffic: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_certificates([certificate(read_table(traffic / "test.parquet")[0])], certificates_path(traffic))
+    assert "no density to compare" in run(capsys, "calibration", expect=2)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from tsbench.cli import main
 from tsbench.core.streams import progress_console, standard_streams
 
 COMMAND = f"{sys.executable} -c 'from tsbench.cli import main; main()'"
@@ -105,3 +106,13 @@ def test_streams_of_somebody_else_stay(monkeypatch: pytest.MonkeyPatch) -> None:
         progress_console().print("told")
     assert sys.stdout is sys.stderr is mine
     assert mine.getvalue() == "told\n"
+
+
+def test_as_a_module_it_is_the_same_command(capsys: pytest.CaptureFixture[str]) -> None:
+    for words, code in ((["--help"], 0), (["run", "--split", "moon", "--planner", "idm"], 2)):
+        with pytest.raises(SystemExit) as ended:
+            main(words)
+        told = capsys.readouterr()
+        done = subprocess.run([sys.executable, "-m", "tsbench", *words], capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stdout, done.stderr) == (ended.value.code, told.out, told.err)
+        assert ended.value.code == code

@@ -34,29 +34,22 @@ class Bad(Good):
         return self.misbehave() if self.bad else super().act(observation)
 
 
+def _bad(name, deed):
+    return type(name, (Bad,), {"misbehave": lambda self: deed()})
+
+
+ReturnsNone = _bad("ReturnsNone", lambda: None)
+Nan = _bad("Nan", lambda: Control(float("nan"), 0.0))
+Inf = _bad("Inf", lambda: Control(0.0, float("inf")))
+WrongShape = _bad("WrongShape", lambda: Trajectory(np.arange(1.0, 4.0), np.zeros((2, 3))))
+Sleeps = _bad("Sleeps", lambda: time.sleep(3600))
+Exits = _bad("Exits", lambda: os._exit(7))
+SysExits = _bad("SysExits", lambda: sys.exit("bye"))
+
+
 class Raises(Bad):
     def misbehave(self):
         raise RuntimeError(f"no idea what to do with {object()}")
-
-
-class ReturnsNone(Bad):
-    def misbehave(self):
-        return None
-
-
-class Nan(Bad):
-    def misbehave(self):
-        return Control(float("nan"), 0.0)
-
-
-class Inf(Bad):
-    def misbehave(self):
-        return Control(0.0, float("inf"))
-
-
-class WrongShape(Bad):
-    def misbehave(self):
-        return Trajectory(np.arange(1.0, 4.0), np.zeros((2, 3)))
 
 
 class Prints(Bad):
@@ -70,21 +63,6 @@ class PrintsAndRaises(Bad):
     def misbehave(self):
         print("noise " * 100_000, "last \x1b[2J words")
         raise ValueError("enough")
-
-
-class Sleeps(Bad):
-    def misbehave(self):
-        time.sleep(3600)
-
-
-class Exits(Bad):
-    def misbehave(self):
-        os._exit(7)
-
-
-class SysExits(Bad):
-    def misbehave(self):
-        sys.exit("bye")
 
 
 class Segfaults(Bad):
@@ -146,40 +124,19 @@ class Own(BaseException):
     """A planner's own exception."""
 
 
-class RaisesOwn(Misdeed):
-    def misbehave(self):
-        raise Own("mine")
-
-
-class Interrupts(Misdeed):
-    def misbehave(self):
-        raise KeyboardInterrupt("stop")
-
-
-class GeneratorExits(Misdeed):
-    def misbehave(self):
-        raise GeneratorExit("gone")
-
-
-class Surrogate(Misdeed):
-    def misbehave(self):
-        raise ValueError("half a character: \ud800")
-
-
-class NoText(Misdeed):
+class Mute(Exception):
     """An exception whose text raises."""
 
-    class Mute(Exception):
-        def __str__(self):
-            raise RuntimeError("no text")
+    def __str__(self):
+        raise RuntimeError("no text")
+
+
+class Raised(Misdeed):
+    def __init__(self, make):
+        self.make = make
 
     def misbehave(self):
-        raise self.Mute
-
-
-class EndlessText(Misdeed):
-    def misbehave(self):
-        raise ValueError("word " * 2_000_000)
+        raise self.make()
 
 
 def lines_to_the_run():
@@ -254,9 +211,15 @@ class Daemonises(Misdeed):
 
 
 MISDEEDS = [
-    OwnNumber, RaisesOwn, Interrupts, GeneratorExits, Surrogate, NoText, EndlessText, ClosesAll, TakesLine, WritesLine,
-    Gorges, ChildGorges, AsksForAll, Computes, Daemonises,
-]  # fmt: skip
+    OwnNumber,
+    lambda: Raised(lambda: Own("mine")),
+    lambda: Raised(lambda: KeyboardInterrupt("stop")),
+    lambda: Raised(lambda: GeneratorExit("gone")),
+    lambda: Raised(lambda: ValueError("half a character: \ud800")),
+    lambda: Raised(Mute),
+    lambda: Raised(lambda: ValueError("word " * 2_000_000)),
+    *(ClosesAll, TakesLine, WritesLine, Gorges, ChildGorges, AsksForAll, Computes, Daemonises),
+]
 
 
 class Hostile(Good):

@@ -64,105 +64,47 @@ class Nothing(_Planner):
         pass
 
 
-class Limit(_Planner):
-    def finds(self):
-        return resource.getrlimit(resource.RLIMIT_NOFILE)[0] == 200
-
-    def leaves(self):
-        resource.prlimit(os.getppid(), resource.RLIMIT_NOFILE, (200, 256))
-
-
-class Niceness(_Planner):
-    def finds(self):
-        return os.getpriority(os.PRIO_PROCESS, 0) == 7
-
-    def leaves(self):
-        os.setpriority(os.PRIO_PROCESS, os.getppid(), 7)
-
-
-class NicenessOfGroup(Niceness):
-    def leaves(self):
-        os.setpriority(os.PRIO_PGRP, 0, 7)
-
-
-class Processors(_Planner):
-    def finds(self):
-        return os.sched_getaffinity(0) == {max(os.sched_getaffinity(os.getpid()))}
-
-    def leaves(self):
-        os.sched_setaffinity(os.getppid(), {max(os.sched_getaffinity(0))})
-
-
-class Policy(_Planner):
-    def finds(self):
-        return os.sched_getscheduler(0) == os.SCHED_BATCH
-
-    def leaves(self):
-        os.sched_setscheduler(os.getppid(), os.SCHED_BATCH, os.sched_param(0))
-
-
-class IoPriority(_Planner):
-    def finds(self):
-        return SYSTEM.syscall(IOPRIO_GET, 1, 0) == (2 << 13 | 7)
-
-    def leaves(self):
-        SYSTEM.syscall(IOPRIO_SET, 1, os.getppid(), 2 << 13 | 7)
+# What finds a bit, and what leaves it.
+BITS = {
+    "Limit": (
+        lambda: resource.getrlimit(resource.RLIMIT_NOFILE)[0] == 200,
+        lambda: resource.prlimit(os.getppid(), resource.RLIMIT_NOFILE, (200, 256)),
+    ),
+    "Niceness": (
+        lambda: os.getpriority(os.PRIO_PROCESS, 0) == 7,
+        lambda: os.setpriority(os.PRIO_PROCESS, os.getppid(), 7),
+    ),
+    "NicenessOfGroup": (lambda: os.getpriority(os.PRIO_PROCESS, 0) == 7, lambda: os.setpriority(os.PRIO_PGRP, 0, 7)),
+    "Processors": (
+        lambda: os.sched_getaffinity(0) == {max(os.sched_getaffinity(os.getpid()))},
+        lambda: os.sched_setaffinity(os.getppid(), {max(os.sched_getaffinity(0))}),
+    ),
+    "Policy": (
+        lambda: os.sched_getscheduler(0) == os.SCHED_BATCH,
+        lambda: os.sched_setscheduler(os.getppid(), os.SCHED_BATCH, os.sched_param(0)),
+    ),
+    "IoPriority": (
+        lambda: SYSTEM.syscall(IOPRIO_GET, 1, 0) == (2 << 13 | 7),
+        lambda: SYSTEM.syscall(IOPRIO_SET, 1, os.getppid(), 2 << 13 | 7),
+    ),
+    "LineOption": (
+        lambda: line().getsockopt(socket.SOL_SOCKET, socket.SO_PRIORITY) == 5,
+        lambda: line().setsockopt(socket.SOL_SOCKET, socket.SO_PRIORITY, 5),
+    ),
+    "LineName": (lambda: line().getsockname() == b"\0bit", lambda: line().bind(b"\0bit")),
+    "LineSignal": (lambda: fcntl.fcntl(line(), F_GETSIG) == 12, lambda: fcntl.fcntl(line(), F_SETSIG, 12)),
+    "LogSize": (lambda: fcntl.fcntl(1, F_GETPIPE_SZ) == 1 << 18, lambda: fcntl.fcntl(1, F_SETPIPE_SZ, 1 << 18)),
+    "LogSignal": (lambda: fcntl.fcntl(2, F_GETSIG) == 12, lambda: fcntl.fcntl(2, F_SETSIG, 12)),
+    "LogMode": (lambda: os.fstat(1).st_mode & 0o777 == 0o123, lambda: os.fchmod(1, 0o123)),
+    "LogTime": (lambda: int(os.fstat(1).st_mtime) == 12, lambda: os.utime(1, (12, 12))),
+}
 
 
-class LineOption(_Planner):
-    def finds(self):
-        return line().getsockopt(socket.SOL_SOCKET, socket.SO_PRIORITY) == 5
-
-    def leaves(self):
-        line().setsockopt(socket.SOL_SOCKET, socket.SO_PRIORITY, 5)
+def _planner(name, finds, leaves):
+    return type(name, (_Planner,), {"finds": staticmethod(finds), "leaves": staticmethod(leaves)})
 
 
-class LineName(_Planner):
-    def finds(self):
-        return line().getsockname() == b"\0bit"
-
-    def leaves(self):
-        line().bind(b"\0bit")
-
-
-class LineSignal(_Planner):
-    def finds(self):
-        return fcntl.fcntl(line(), F_GETSIG) == 12
-
-    def leaves(self):
-        fcntl.fcntl(line(), F_SETSIG, 12)
-
-
-class LogSize(_Planner):
-    def finds(self):
-        return fcntl.fcntl(1, F_GETPIPE_SZ) == 1 << 18
-
-    def leaves(self):
-        fcntl.fcntl(1, F_SETPIPE_SZ, 1 << 18)
-
-
-class LogSignal(_Planner):
-    def finds(self):
-        return fcntl.fcntl(2, F_GETSIG) == 12
-
-    def leaves(self):
-        fcntl.fcntl(2, F_SETSIG, 12)
-
-
-class LogMode(_Planner):
-    def finds(self):
-        return os.fstat(1).st_mode & 0o777 == 0o123
-
-    def leaves(self):
-        os.fchmod(1, 0o123)
-
-
-class LogTime(_Planner):
-    def finds(self):
-        return int(os.fstat(1).st_mtime) == 12
-
-    def leaves(self):
-        os.utime(1, (12, 12))
+globals().update({name: _planner(name, *deeds) for name, deeds in BITS.items()})
 
 
 class LogLock(_Planner):
@@ -401,13 +343,10 @@ class Stray(Daemon):
 
 
 ALL = (
-    "Limit", "Niceness", "NicenessOfGroup", "Processors", "Policy", "IoPriority", "LineOption", "LineName",
-    "LineSignal", "LogSize", "LogSignal", "LogMode", "LogTime", "LogLock", "LogRange",
-    "Place", "Port", "Processes", "Files",
+    *BITS, "LogLock", "LogRange", "Place", "Port", "Processes", "Files",
     "FileTime", "FileContent", "FileMemory", "FileRoom", "HiddenFile", "Semaphores", "Accounts",
 )  # fmt: skip
-
-IN_LOG = ("LogSize", "LogSignal", "LogMode", "LogTime", "LogLock", "LogRange")
+IN_LOG = tuple(name for name in ALL if name.startswith("Log"))
 
 
 def main(out, *names):

@@ -134,3 +134,10 @@ class Bench:
         data_root.cache_clear()
         assert ended.value.code == expect, f"exit {ended.value.code}\n{out.getvalue()}\n{err.getvalue()}"
         return subprocess.CompletedProcess(arguments, expect, out.getvalue(), err.getvalue())
+
+    def refused(self, *arguments: str) -> str:
+        """The one line with which the command line refuses, after "error: "."""
+        told = self.run(*arguments, expect=2).stderr
+        assert told.startswith("error: ")
+        assert told.count("\n") == 1
+        return told.removeprefix("error: ")

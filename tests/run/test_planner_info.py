@@ -9,7 +9,8 @@ import pytest
 
 from tsbench.core.errors import InputError
 from tsbench.planners.registry import comes_with_tsbench
-from tsbench.run.planner_info import describe, resolve_unchanged
+from tsbench.run.planner_info import PlannerInfo, describe, resolve_unchanged
+from tsbench.run.session import distinct
 
 MINE = """
 import neighbour
@@ -150,3 +151,16 @@ def test_a_planner_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
     (tmp_path / "unmade.py").write_text(f"{text}    def reset(self, c): ...\n    def act(self, o): ...\n")
     with pytest.raises(InputError, match=r"cannot be made: SystemExit: no licence .*unmade\.py, line 2"):
         describe(f"{tmp_path / 'unmade.py'}:P")
+
+
+def called(name: str, spec: str) -> PlannerInfo:
+    return PlannerInfo(name, spec, False, True, (), None, None)
+
+
+def test_names_in_records_are_distinct_and_seen() -> None:
+    plain = [called("idm", "idm"), called("规划器", "a.py:规划器")]
+    assert distinct(plain) == tuple(plain)
+    with pytest.raises(InputError, match=r"--planner b.py:idm: called idm in records, like idm: rename one"):
+        distinct([*plain, called("idm", "b.py:idm")])
+    with pytest.raises(InputError, match=r"--planner b.py:X: its name: .* mixes scripts .*: rename it"):
+        distinct([*plain, called("\u0456dm", "b.py:X")])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import shutil
 from contextlib import chdir, redirect_stdout
 from pathlib import Path
 
@@ -14,7 +15,7 @@ import pytest
 from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.run.log.read import RESCORED, read_rescored, read_run, write_rescored
-from tsbench.run.rescore import Rescore, rescore
+from tsbench.run.rescore import rescore
 from tsbench.scenarios.data_set import DataSet
 
 RUN = ["run", "--split", "dev", "--types", "speed_limit", "--variants", "0", "--half", "signed", "--limit", "1",
@@ -68,13 +69,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def copy(made: Path, tmp_path: Path) -> Path:
     """A copy of the honest run."""
-    import shutil
-
     return Path(shutil.copytree(made / "honest", tmp_path / "copy"))
-
-
-def motion_lines(result: Rescore) -> list[str]:
-    return [line for line in result.disagreements if "its poses do not follow" in line]
 
 
 def edit(folder: Path, column: str, tick: int, value: object) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import resource
+import shutil
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -38,18 +40,14 @@ def test_a_run_that_goes_on_is_not_overwritten(bench: Bench) -> None:
 def test_a_manifest_that_is_none(bench: Bench, content: str, overwrite: list[str]) -> None:
     (bench.folder / "run").mkdir()
     (bench.folder / "run" / "run.json").write_text(content)
-    done = bench.run(*RUN, "--out", "run", *overwrite, expect=2)
+    assert bench.refused(*RUN, "--out", "run", *overwrite).startswith("run/run.json: ")
     assert (bench.folder / "run" / "run.json").read_text() == content
-    assert done.stderr.startswith("error: run/run.json: ")
-    assert done.stderr.count("\n") == 1
 
 
 def test_a_folder_that_cannot_be_made(bench: Bench) -> None:
     (bench.folder / "file").write_text("")
-    done = bench.run(*RUN, "--out", "file/run", expect=2)
-    assert done.stderr.startswith("error: file/run: ")
-    done = bench.run(*RUN, "--out", "/proc/run", expect=2)
-    assert done.stderr.startswith("error: /proc/run: ")
+    for out in ("file/run", "/proc/run"):
+        assert bench.refused(*RUN, "--out", out).startswith(f"{out}: ")
 
 
 def test_a_read_only_folder(bench: Bench) -> None:
@@ -130,10 +128,8 @@ def test_a_read_only_disk(bench: Bench, disk: Path) -> None:
     before = {path: path.read_bytes() for path in (disk / "run").iterdir() if path.is_file()}
     remount(disk, "ro")
     for out in ("disk/run", "disk/new"):
-        done = bench.run(*RUN, "--out", out, expect=2)
-        assert done.stderr.startswith("error: ")
-        assert "Read-only file system; choose another folder with --out" in done.stderr
-        assert done.stderr.count("\n") == 1
+        told = bench.refused(*RUN, "--out", out)
+        assert "Read-only file system; choose another folder with --out" in told
     assert {path: path.read_bytes() for path in before} == before
 
 
@@ -167,3 +163,66 @@ def test_partial_figures_only_when_asked_for(bench: Bench) -> None:
     assert "PARTIAL" not in out
     assert "summary.md" not in out
     assert not any((bench.folder / "run" / name).exists() for name in texts)
+
+
+TWO = [*RUN[:-1], "2", "--trace", "all"]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory, make_data) -> Bench:
+    folder = tmp_path_factory.mktemp("bad")
+    bench = Bench(make_data(folder / "data"), folder)
+    bench.run(*TWO, "--out", "good")
+    return bench
+
+
+@pytest.fixture
+def copy(made: Bench) -> Path:
+    """A copy of a complete run of two episodes."""
+    folder = made.folder / "copy"
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(made.folder / "good", folder)
+    return folder
+
+
+COMMANDS = [[*TWO, "--out", "copy"], ["rescore", "copy"], ["compare", "copy", "good"]]
+
+
+def change_manifest(folder: Path, **changes: object) -> None:
+    path = folder / "run.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_an_older_schema(made: Bench, copy: Path, command: list[str]) -> None:
+    change_manifest(copy, schema_version=0)
+    done = made.run(*command, expect=2)
+    assert "copy/run.json: schema version 0, this tsbench reads 1; read it with tsbench 0.1.0" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_another_contract_is_refused_compared_with_none_and_judged_with_a_note(made: Bench, copy: Path) -> None:
+    change_manifest(copy, contract="f" * 64)
+    done = made.run(*COMMANDS[0], expect=2)
+    assert "copy: holds another run: contract is ffffffffffff, not " in done.stderr
+    done = made.run("compare", "copy", "good", expect=2)
+    assert "contract" in done.stderr
+    assert done.stderr.count("\n") == 1
+    shutil.rmtree(copy / "traces")
+    done = made.run("rescore", "copy", expect=1)
+    assert "note: the run's contract is ffffffffffff, that of this tsbench " in done.stderr
+
+
+def test_traces_that_are_torn_gone_or_without_an_episode(made: Bench, copy: Path) -> None:
+    torn, gone = sorted((copy / "traces" / "Good").glob("*.parquet"))
+    stranger = torn.with_name("nobody.parquet")
+    shutil.copy(torn, stranger)
+    torn.write_bytes(torn.read_bytes()[:-100])
+    gone.unlink()
+    done = made.run("rescore", "copy", expect=1)
+    assert f"Good {torn.stem}: copy/traces/Good/{torn.name}: cannot be read as a trace" in done.stdout
+    assert f"Good {gone.stem}: its trace is gone" in done.stdout
+    assert "copy/traces/Good/nobody.parquet: a trace without its episode" in done.stdout
+    assert "0 traces judged again, 2 episodes without a trace, disagreements: 3" in done.stdout
+    done = made.run(*COMMANDS[0])
+    assert "nobody.parquet: does not belong to this run; left alone, not used" in done.stderr
