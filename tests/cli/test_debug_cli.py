@@ -80,7 +80,7 @@ def test_an_episode_of_a_run_is_driven_as_it_was(tmp_path: Path) -> None:
     )
     row = tsbench.load_run(tmp_path / "run").episodes.iloc[0]
     done = debug(tmp_path / "run", f"idm/{row.scenario_id}", "--png", tmp_path / "end.png")
-    assert done.output.startswith(f"over: {row.outcome}")
+    assert done.output.startswith(f"Episode ended: {row.outcome}")
     assert (tmp_path / "end.png").read_bytes().startswith(b"\x89PNG")
     seen = debug(tmp_path / "run", f"reader/{row.scenario_id}", "--at", "0")
     assert "plate (masked)" in seen.output
