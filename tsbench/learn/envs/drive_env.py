@@ -12,7 +12,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import accumulate
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import gymnasium
 import numpy as np
@@ -249,10 +249,11 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         earned["violation"] = spec.violation * (counts[0] - before[0])
         earned["needless"] = spec.needless * (counts[1] - before[1])
         self._counts = counts
-        reward = sum(earned.values()) if self._weigh is None else float(self._weigh(earned))
-        if not math.isfinite(reward):
-            raise ValueError(f"reward {reward} is not finite, of {earned}")
-        return reward, {"reward_terms": earned, **_so_far(judged)}
+        given = sum(earned.values()) if self._weigh is None else self._weigh(earned)
+        # What is not one number, such as a vector, is not a step's reward either.
+        if not (np.isscalar(given) and np.isreal(given) and math.isfinite(cast("float", given))):
+            raise ValueError(f"reward {given!r} of {earned}: the function must return one finite number")
+        return float(given), {"reward_terms": earned, **_so_far(judged)}
 
     @property
     def episode(self) -> Episode:
