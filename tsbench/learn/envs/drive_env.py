@@ -12,7 +12,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from itertools import accumulate
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -250,10 +250,13 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         earned["needless"] = spec.needless * (counts[1] - before[1])
         self._counts = counts
         given = sum(earned.values()) if self._weigh is None else self._weigh(earned)
-        # What is not one number, such as a vector, is not a step's reward either.
-        if not (np.isscalar(given) and np.isreal(given) and math.isfinite(cast("float", given))):
+        try:
+            reward = float(given)
+        except (TypeError, ValueError):  # None, text, a vector
+            reward = math.nan
+        if not math.isfinite(reward):
             raise ValueError(f"reward {given!r} of {earned}: the function must return one finite number")
-        return float(given), {"reward_terms": earned, **_so_far(judged)}
+        return reward, {"reward_terms": earned, **_so_far(judged)}
 
     @property
     def episode(self) -> Episode:
