@@ -177,7 +177,7 @@ site-pictures: docs
 	PYTHONPATH=tests/helpers $(BIN)/python packaging/site_pictures.py build/site docs/images
 
 # Two wheels in dist/, and in dist/data the folder that `tsbench data fetch --from` reads, here or behind an address.
-package: setup
+package: base
 	rm -rf dist
 	$(PIP) wheel --no-deps --no-build-isolation --wheel-dir dist . ./packaging/tsbench-data
 	$(BIN)/python packaging/data_sets.py lay-out dist/data

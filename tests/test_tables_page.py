@@ -12,7 +12,7 @@ from tsbench.episode import trace_columns
 from tsbench.learn.oracle import store as tries
 from tsbench.learn.oracle import trajectories
 from tsbench.run.log.schema import EPISODES, TIMING, VIOLATIONS
-from tsbench.scenarios import certificates, map_pool, store, table
+from tsbench.scenarios import certificates, data_set, map_pool, store
 
 PAGE = Path(__file__).resolve().parents[1] / "docs/reference/tables.md"
 SCHEMAS = {
@@ -20,7 +20,7 @@ SCHEMAS = {
     "violations.parquet": VIOLATIONS,
     "timing.parquet": TIMING,
     "traces/PLANNER/SCENARIO.parquet": trace_columns.SCHEMA,
-    "scenarios/SPLIT.parquet": table.SCHEMA,
+    "scenarios/SPLIT.parquet": data_set.SCHEMA,
     "scenarios/certificates.parquet": certificates.SCHEMA,
     "scenarios/scenes/SPLIT/TYPE.parquet": store.SCHEMA,
     "sumo_nets/pool.parquet": map_pool.POOL_SCHEMA,

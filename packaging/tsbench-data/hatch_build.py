@@ -1,4 +1,4 @@
-"""Puts the files of the set `test` into the wheel, each checked against the manifest of tsbench."""
+"""Puts the files of the set `test` into the wheel, each checked against the manifest of tsbench, and kept results."""
 
 from __future__ import annotations
 
@@ -24,6 +24,9 @@ class DataFiles(BuildHookInterface[Any]):
             if len(content) != size or hashlib.sha256(content).hexdigest() != sha256:
                 raise SystemExit(f"{name}: is not the file that the manifest names: make manifest")
             build_data["force_include"][str(CLONE / name)] = f"tsbench_data/{name}"
+        for run in (CLONE / "results").glob("*/run.json"):
+            for path in (run, *run.parent.glob("*.parquet")):
+                build_data["force_include"][str(path)] = f"tsbench_data/{path.relative_to(CLONE)}"
 
 
 class OneVersion(MetadataHookInterface):

@@ -140,7 +140,10 @@ def test_one_at_a_time() -> None:
 
 
 def test_what_is_not_there_is_named() -> None:
-    with pytest.raises(InputError, match="scenario nowhere: no scenario of any split"):
+    with pytest.raises(
+        InputError,
+        match=r"scenario nowhere: no scenario of any split that is here \(tsbench scenarios list names them\)",
+    ):
         tsbench.drive(straight, "nowhere")
     with pytest.raises(InputError, match=f"scenario {SCENARIO}: no scenario of test"):
         tsbench.drive(straight, SCENARIO, split="test")

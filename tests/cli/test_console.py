@@ -34,6 +34,12 @@ def test_without_a_terminal_a_line_is_written_now_and_then(
         (["run", "--types"], "round", "roundabout"),
         (["scenarios", "list", "--city"], "north", "north-bayreuth"),
         (["city", "show"], "ando", "andorra"),
+        (["planners", "check"], "plant2-f", "plant2-ft"),
+        (["compare", "runs/mine"], "plant2-f", "plant2-ft"),
+        (["signs", "show"], "3.2", "3.24"),
+        (["debug", "--planner"], "idm-", "idm-e"),
+        (["debug", "--planner", "idm", "--scenario"], "yield-j-msk-cc880", "yield-j-msk-cc880d3028-v0"),
+        (["scenarios", "show"], "yield-j-msk-cc880", "yield-j-msk-cc880d3028-v0"),
     ],
 )
 def test_the_shell_completes_names(words: list[str], typed: str, found: str) -> None:

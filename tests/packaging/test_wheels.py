@@ -65,8 +65,12 @@ def test_the_code_comes_with_catalogue_and_weights_and_nothing_else(wheels: Path
 def test_the_data_are_those_of_the_dev_and_test_splits(wheels: Path) -> None:
     inside = names_in(wheels, "tsbench_data-*.whl")
     asked = json.loads((ROOT / "tsbench/core/data_manifest.json").read_text(encoding="utf-8"))["sets"]["test"]["files"]
-    assert set(inside) == {f"tsbench_data/{name}" for name, *_ in asked} | {"tsbench_data/__init__.py"}
-    kinds = Counter("/".join(name.split("/")[1:-1]) for name in inside)
+    runs = [path.parent for path in (ROOT / "results").glob("*/run.json")]
+    results = {f"results/{run.name}/{path.name}" for run in runs for path in run.iterdir() if path.suffix != ".md"}
+    data = {name for name, *_ in asked} | results | {"__init__.py"}
+    assert set(inside) == {f"tsbench_data/{name}" for name in data}
+    assert "results/plant2-ft/run.json" in results
+    kinds = Counter("/".join(name.split("/")[1:-1]) for name in inside if "/results/" not in name)
     assert kinds == {
         "": 1, "scenarios": 6, "scenarios/recipes": 29, "scenarios/scenes/dev": 29, "scenarios/scenes/test": 29,
         "cities": 4, "sumo_nets": 3, "sumo_nets/netconvert": 4,

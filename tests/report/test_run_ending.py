@@ -47,7 +47,8 @@ def run(tmp_path: Path) -> StoredRun:
 
 def test_causes_are_counted_and_shown(run: StoredRun) -> None:
     assert list(examples(run)) == [
-        "idm: 5 of 6 episodes failed: 2 entered_while_blocked, 1 timeout, 1 off_road, 1 collision",
+        "idm: 5 of 6 episodes failed: 2 entered_while_blocked, 1 timeout, 1 off_road, 1",
+        "    collision",
         f"  entered_while_blocked  tsbench render '{run.path}' idm/yield-m1-v0",
         f"  timeout  tsbench render '{run.path}' idm/speed_limit-m0-v0",
         f"  off_road  tsbench render '{run.path}' idm/speed_limit-m1-v0",

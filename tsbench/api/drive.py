@@ -200,7 +200,9 @@ def row_of(data: DataSet, scenario: str, split: str | None = None) -> ScenarioSp
         found = next((row for row in data.table(name) if row.scenario_id == scenario), None)
         if found is not None:
             return found
-    raise InputError(f"--scenario {scenario}: no scenario of {split or 'any split that is here'}")
+    raise InputError(
+        f"--scenario {scenario}: no scenario of {split or 'any split that is here'} (tsbench scenarios list names them)"
+    )
 
 
 def _driver_of(planner: Given | Planner) -> _Driver:

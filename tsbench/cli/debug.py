@@ -25,8 +25,14 @@ from tsbench.scenarios.data_set import DataSet
 @click.command()
 @click.argument("run", type=options.PATH, required=False, callback=options.of_their_city)
 @click.argument("episode", required=False)
-@click.option("--planner", type=options.TEXT, metavar=options.PLANNER, help="Without a run: who drives.")
-@click.option("--scenario", metavar="ID", help="Without a run: what is driven.")
+@click.option(
+    "--planner",
+    type=options.TEXT,
+    metavar=options.PLANNER,
+    help="Without a run: who drives.",
+    shell_complete=options.registered_names,
+)
+@click.option("--scenario", metavar="ID", help="Without a run: what is driven.", shell_complete=options.scenario_ids)
 @options.split()
 @click.option("--mask-signs", is_flag=True, help="Remove sign identity from what the planner sees.")
 @options.perception("How well it perceives plates.")

@@ -56,7 +56,7 @@ POSITIVE = click.IntRange(min=1)
 PLANNER = "NAME|pkg.module:Class|file.py:Class"
 
 
-def _completed(names: Callable[[], Iterable[str]]) -> Callable[[click.Context, click.Parameter, str], list[str]]:
+def completed(names: Callable[[], Iterable[str]]) -> Callable[[click.Context, click.Parameter, str], list[str]]:
     """Completion by the shell: of a word, or of the last one of words between commas."""
 
     def complete(_context: click.Context, _parameter: click.Parameter, typed: str) -> list[str]:
@@ -64,6 +64,10 @@ def _completed(names: Callable[[], Iterable[str]]) -> Callable[[click.Context, c
         return [f"{before}{comma}{name}" for name in names() if name.startswith(last)]
 
     return complete
+
+
+registered_names = completed(registered)
+scenario_ids = completed(lambda: (row.scenario_id for row in rows_of(DataSet.in_use(), None)))
 
 
 def words_of(text: str) -> tuple[str, ...]:
@@ -109,7 +113,7 @@ def of_their_city(_context: click.Context, _parameter: click.Parameter, runs: An
 
 
 def words(name: str, help: str) -> Option:
-    shown = _completed(lambda: types_and_groups(DataSet.in_use().catalog))
+    shown = completed(lambda: types_and_groups(DataSet.in_use().catalog))
     return click.option(name, multiple=True, metavar="TYPE,GROUP,…", callback=_words, help=help, shell_complete=shown)
 
 
@@ -121,7 +125,7 @@ def planners(help: str, *, required: bool = False, default: tuple[str, ...] = ()
     several_times = f"{help}; give it several times for several planners."
     names, shown = ("--planner", "planners"), bool(default)
     given: dict[str, Any] = {"required": required, "default": default, "show_default": shown}
-    given["shell_complete"] = _completed(registered)
+    given["shell_complete"] = registered_names
     return click.option(*names, multiple=True, type=TEXT, metavar=PLANNER, help=several_times, **given)
 
 
@@ -164,7 +168,7 @@ def limit(help: str) -> Option:
 
 
 def _of_city(callback: Callable[..., None]) -> Option:
-    help, names = (f"Whose data set (tsbench city list); default: {CITY}, or {OWN_CITY}.", _completed(city_names))
+    help, names = (f"Whose data set (tsbench city list); default: {CITY}, or {OWN_CITY}.", completed(city_names))
     given: dict[str, Any] = {"expose_value": False, "is_eager": True, "shell_complete": names, "help": help}
     return click.option("--city", metavar="NAME", callback=callback, **given)
 
@@ -172,7 +176,7 @@ def _of_city(callback: Callable[..., None]) -> Option:
 city = _of_city(_city)
 # For commands that make data, which are of the city as it is stored.
 made_city = _of_city(_made_city)
-city_name = click.argument("name", callback=_made_city, expose_value=False, shell_complete=_completed(city_names))
+city_name = click.argument("name", callback=_made_city, expose_value=False, shell_complete=completed(city_names))
 
 
 # What Overpass is asked for.

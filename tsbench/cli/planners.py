@@ -61,7 +61,7 @@ def _print_parts() -> None:
 
 
 @planners.command("check")
-@click.argument("planner", type=options.TEXT)
+@click.argument("planner", type=options.TEXT, shell_complete=options.registered_names)
 @options.count("--limit", default=10, least=2, most=100, help="Scenes to drive.")
 @click.option("--submission", is_flag=True, help="Drive it isolated, and say what `tsbench submit` would refuse.")
 @options.image

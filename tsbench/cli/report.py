@@ -85,8 +85,15 @@ def view(runs: tuple[Path, ...], port: int) -> None:
 
 
 @click.command()
-@click.argument("run_a", type=options.TEXT, metavar="RUN_A[:PLANNER]")
-@click.argument("runs_b", nargs=-1, required=True, type=options.TEXT, metavar="RUN_B[:PLANNER]…")
+@click.argument("run_a", type=options.TEXT, metavar="RUN_A[:PLANNER]", shell_complete=options.registered_names)
+@click.argument(
+    "runs_b",
+    nargs=-1,
+    required=True,
+    type=options.TEXT,
+    metavar="RUN_B[:PLANNER]…",
+    shell_complete=options.registered_names,
+)
 @click.option("--force", is_flag=True, help="Compare different contracts, or what different scenarios share.")
 @options.allow_partial
 @options.png("Draw the differences.")

@@ -129,7 +129,7 @@ def list_(split: str | None, types: tuple[str, ...]) -> None:
 
 
 @scenarios.command()
-@click.argument("scenario_id")
+@click.argument("scenario_id", shell_complete=options.scenario_ids)
 @options.city
 @options.png("Draw the scene to this file.")
 @options.caption_country
@@ -147,7 +147,7 @@ def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
 
 
 @scenarios.command("open")
-@click.argument("scenario_id")
+@click.argument("scenario_id", shell_complete=options.scenario_ids)
 @options.city
 @options.out("Folder for the scene's files.  [default: runs/scenes/ID]", type=options.FOLDER)
 @click.option("--run", "launch", is_flag=True, help="Start sumo-gui too.")

@@ -28,7 +28,7 @@ def list_signs() -> None:
 
 
 @signs.command("show")
-@click.argument("code")
+@click.argument("code", shell_complete=options.completed(lambda: DataSet.in_use().catalog.signs))
 def show_sign(code: str) -> None:
     """Print what the catalogue says about the sign CODE, such as 3.24."""
     Console().print(sign_page(DataSet.in_use().catalog.sign(code)))

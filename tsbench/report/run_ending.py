@@ -159,12 +159,16 @@ def examples(run: StoredRun) -> Iterator[str]:
     """Lines for each planner with failed episodes: how many and why, then an example of each cause to look at."""
     found = failures_of(run)
     for planner in dict.fromkeys(failure.planner for failure in found):
-        yield counted(found, run, planner)
+        yield from _wrapped(counted(found, run, planner))
         own = [failure for failure in found if failure.planner == planner]
         for cause, _ in Counter(failure.cause for failure in own).most_common(_MOST_CAUSES):
             first = next(failure for failure in own if failure.cause == cause)
             shown = shlex.join(("tsbench", "render", str(run.path), first.name))
             yield f"  {cause}  " + (f"{first.scenario_id}: {first.sentence}" if cause == "error" else shown)
+
+
+def _wrapped(title: str) -> list[str]:
+    return textwrap.wrap(title, _WIDTH, subsequent_indent="    ")
 
 
 def listing(run: StoredRun, failures: Sequence[Failure], by: str) -> Iterator[str]:
@@ -177,7 +181,7 @@ def listing(run: StoredRun, failures: Sequence[Failure], by: str) -> Iterator[st
         groups.setdefault(getattr(failure, GROUPINGS[by]), []).append(failure)
     for name, own in sorted(groups.items(), key=lambda group: -len(group[1])):
         title = counted(own, run, name) if by == "planner" else f"{name}: {len(own)} of {len(failures)} failures"
-        yield from textwrap.wrap(title, _WIDTH, subsequent_indent="    ")
+        yield from _wrapped(title)
         for failure in own:
             yield f"  {failure.name}"
             facts = dict.fromkeys((f"{failure.half} {failure.plate}", failure.outcome, failure.cause))

@@ -188,10 +188,15 @@ def test_unknown_scenarios_and_broken_actions_are_refused(env: DriveEnv) -> None
     assert env.step(np.zeros(2))[1] >= 0.0
 
 
-def test_a_reward_that_is_no_number_is_refused() -> None:
-    with closing(DriveEnv(split="dev", types="yield", reward=lambda _: math.nan)) as env:
+@pytest.mark.parametrize(
+    ("given", "told"), [(math.nan, "nan"), (None, "None"), ("much", "'much'"), (np.zeros(2), r"array\(\[0., 0.\]\)")]
+)
+def test_a_reward_that_is_no_number_is_refused(given: Any, told: str) -> None:
+    with closing(DriveEnv(split="dev", types="yield", reward=lambda _: given)) as env:
         env.reset(seed=0)
-        with pytest.raises(ValueError, match=r"reward nan is not finite, of \{'progress': "):
+        with pytest.raises(
+            ValueError, match=rf"^reward {told} of \{{'progress': .*: the function must return one finite"
+        ):
             env.step(np.zeros(2))
 
 

@@ -249,9 +249,13 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
         earned["violation"] = spec.violation * (counts[0] - before[0])
         earned["needless"] = spec.needless * (counts[1] - before[1])
         self._counts = counts
-        reward = sum(earned.values()) if self._weigh is None else float(self._weigh(earned))
+        given = sum(earned.values()) if self._weigh is None else self._weigh(earned)
+        try:
+            reward = float(given)
+        except (TypeError, ValueError):  # None, text, a vector
+            reward = math.nan
         if not math.isfinite(reward):
-            raise ValueError(f"reward {reward} is not finite, of {earned}")
+            raise ValueError(f"reward {given!r} of {earned}: the function must return one finite number")
         return reward, {"reward_terms": earned, **_so_far(judged)}
 
     @property

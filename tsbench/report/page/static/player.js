@@ -70,7 +70,7 @@ tsb.player = (() => {
     row = wanted; rows = list;
     const mine = ++asked, other = choose();
     pause();
-    if (!dialog.open) dialog.showModal();
+    if (!dialog.open) { dialog.showModal(); dialog.scrollTop = 0; }
     stages[0].get("verdict").replaceChildren(el("p", { class: "faint" }, "loading …"));
     let found;
     try {
