@@ -107,10 +107,11 @@ class EpisodePacker:
             return ""
         if spec.split not in self._rows:
             self._rows[spec.split] = {(row.pair_id, row.half): row for row in self._data.table(spec.split)}
-        rows, half = self._rows[spec.split], CONTRAST if spec.half == SIGNED else SIGNED
-        if rows.get((spec.pair_id, spec.half)) != spec:
+        rows = self._rows[spec.split]
+        other = rows.get((spec.pair_id, CONTRAST if spec.half == SIGNED else SIGNED))
+        if other is None or rows.get((spec.pair_id, spec.half)) != spec:
             return ""
-        return under_other_sign(scene, self._loader.load(rows[spec.pair_id, half])[0], trace.snapshots)
+        return under_other_sign(scene, self._loader.load(other)[0], trace.snapshots)
 
 
 def pack_plate(key: str) -> bytes:
