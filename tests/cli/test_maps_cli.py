@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from tsbench.cli.maps import maps
 from tsbench.core.errors import InputError
-from tsbench.make.maps.overpass import parse_box
+from tsbench.make.maps.extracts import parse_box
 
 OSM = """<?xml version="1.0"?><osm version="0.6">
 <node id="1" version="1" lat="55.80" lon="37.40"/><node id="2" version="1" lat="55.801" lon="37.40"/>

@@ -19,7 +19,7 @@ from typing import IO
 from lxml import etree
 
 from tsbench.geometry.polyline import Polyline
-from tsbench.make.maps.names import opened_xml
+from tsbench.make.maps.extracts import opened_xml
 from tsbench.make.maps.road_tags import WIDTH_RANGE_M
 
 Point = tuple[float, float]

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing, sha256_of
 from tsbench.make.city import build_dir, chosen_city, find_extract, netconvert_file, types_file
-from tsbench.make.maps.names import extract_name
+from tsbench.make.maps.extracts import extract_name
 from tsbench.make.maps.netconvert import convert_to_plain
 from tsbench.make.maps.plain import (
     ParsedEdge,

@@ -26,8 +26,8 @@ from tsbench.make.placements.placement import (
     require,
 )
 from tsbench.make.placements.speed_zone import KMH, can_post
-from tsbench.make.scenes.elements import walker_elements
 from tsbench.make.scenes.recipe import INITIAL_SPEEDS_MPS, Recipe
+from tsbench.make.scenes.traffic import walker_elements
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import Lane
 from tsbench.roads.road_map import Crossing

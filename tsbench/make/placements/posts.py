@@ -26,8 +26,7 @@ from tsbench.make.placements.placement import (
 )
 from tsbench.make.scenes.placed_plates import CLOSING, PlacedPlates, broken_plates
 from tsbench.make.scenes.plate_places import refused
-from tsbench.make.scenes.plate_roads import PlateRoads
-from tsbench.make.scenes.traffic import Sent, shut_roads
+from tsbench.make.scenes.plate_roads import PlateRoads, Sent, shut_roads
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.places import load_places
 from tsbench.sim.scene import EgoStart

@@ -29,8 +29,8 @@ from tsbench.make.placements.placement import (
     user_driver,
     usual_limit,
 )
-from tsbench.make.scenes.elements import moving_vehicle
 from tsbench.make.scenes.recipe import Recipe
+from tsbench.make.scenes.traffic import moving_vehicle
 from tsbench.make.seeds import seed_of
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import DEFAULT_LANE_WIDTH_M, Lane, RoadNetwork

@@ -20,29 +20,25 @@ from lxml import etree
 from tsbench.core.errors import SimulationError
 from tsbench.core.xmlfile import read_plain, sha256
 from tsbench.make.placements.placement import Arrangement, ConvoySetup, UnfitMapError, UnluckyDrawError
-from tsbench.make.scenes.elements import (
-    background,
-    convoy_elements,
-    driver_types,
-    ego_elements,
-    obstacle_elements,
-    write_additional,
-)
 from tsbench.make.scenes.placed_plates import PlacedPlates, routed_vehicles
-from tsbench.make.scenes.plate_roads import plate_roads
-from tsbench.make.scenes.scene_lint import lint_scene
+from tsbench.make.scenes.plate_roads import Sent, plate_roads, shut_roads
 from tsbench.make.scenes.traffic import (
     Car,
     Router,
-    Sent,
     TrafficRequest,
     avoidable,
+    background,
+    convoy_elements,
+    driver_types,
     driving_lanes,
+    ego_elements,
     lane_km,
     make_car,
-    shut_roads,
+    obstacle_elements,
     standing_cars,
+    write_additional,
 )
+from tsbench.make.scenes.verify import lint_scene
 from tsbench.make.seeds import rng_of, seed_of
 from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.roads.network import Lane, RoadNetwork
