@@ -208,9 +208,6 @@ class Certifier:
             self._loaded[name] = replace(resolve(name), name=name)
         return self._loaded[name]
 
-    def _drive(self, planner: str, spec: ScenarioSpec) -> _Drive:
-        return self._run(self._planner(planner), spec)
-
     def _first_difference(
         self, ticks: Sequence[WorldSnapshot], answers: Sequence[Control | Trajectory], other: ScenarioSpec
     ) -> WorldSnapshot | None:
@@ -263,7 +260,8 @@ class Certifier:
             is_over(episode)
         return episode.result
 
-    def _run(self, planner: LoadedPlanner, spec: ScenarioSpec) -> _Drive:
+    def _drive(self, name: str, spec: ScenarioSpec) -> _Drive:
+        planner = self._planner(name)
         seen = Recorder(planner.factory())
         runner = EpisodeRunner(replace(planner, factory=lambda: seen), simulation=self._simulation, loader=self._loader)
         return _Drive(runner.run(spec), seen)

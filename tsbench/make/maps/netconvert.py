@@ -242,4 +242,4 @@ def _connection(link: PlainConnection) -> etree._Element:
 
 def _crossing(crossing: PlainCrossing) -> etree._Element:
     edges = " ".join(crossing.edges)
-    return _element("crossing", node=crossing.node, edges=edges, priority=crossing.priority, width=crossing.width)
+    return _element("crossing", node=crossing.node, edges=edges, priority=True, width=crossing.width)

@@ -41,13 +41,11 @@ class PlainNode:
 
 @dataclass(frozen=True, slots=True)
 class PlainLane:
-    """What differs on one lane (index 0: rightmost). `allow`/`disallow`: SUMO vClass lists, "" = default."""
+    """What differs on one lane (index 0: rightmost). `allow`: SUMO vClass list, "" = default."""
 
     index: int
     width: float | None = None
-    speed: float | None = None
     allow: str = ""
-    disallow: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +85,6 @@ class PlainCrossing:
     node: str
     edges: tuple[str, ...]
     width: float = 4.0
-    priority: bool = True
 
 
 @dataclass(frozen=True)

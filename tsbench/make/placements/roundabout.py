@@ -215,7 +215,10 @@ def ring_convoy(task: SceneTask, met: Sequence[Conflict], start: EgoStart, to_li
     count = int(rng.integers(1, int(recipe.number("convoy_most")) + 1))
     stands = _stands(task, chosen, body, wanted, count)
     lead = stands[0]
-    body = _in_time(body, lead.back + chosen.zone.b_in, time, recipe.number("convoy_most_mps"))
+    # Faster where it has farther to go than it would come in that time.
+    way, most = lead.back + chosen.zone.b_in, recipe.number("convoy_most_mps")
+    while body.speed < most and way_from_standstill(body, time) < way:
+        body = replace(body, speed=min(body.speed + _FASTER_MPS, most))
     return ConvoySetup(
         drivers=(body,) * len(stands),
         places=tuple(s.place for s in stands),
@@ -228,13 +231,6 @@ def ring_convoy(task: SceneTask, met: Sequence[Conflict], start: EgoStart, to_li
         ego_turn_mps=turn,
         lanes=tuple(s.lane.id for s in stands),
     )
-
-
-def _in_time(body: Driver, way: float, time: float, most: float) -> Driver:
-    """The driver, faster (up to `most`) where it has farther to go than it would come in that time."""
-    while body.speed < most and way_from_standstill(body, time) < way:
-        body = replace(body, speed=min(body.speed + _FASTER_MPS, most))
-    return body
 
 
 def _stands(task: SceneTask, chosen: Conflict, body: Driver, wanted: float, count: int) -> list[_Stand]:

@@ -100,7 +100,7 @@ class SceneFileWriter:
 
     def _elements(self, others: OtherTraffic) -> list[etree._Element]:
         a, network = self.a, self.roads.network
-        moving = self._types() if others.cars else []
+        moving = driver_types(a.drivers) if others.cars else []
         moving += ego_elements(a.start, network, a.route_hint)
         if a.convoy:
             moving += self._convoy_elements(a.convoy)
@@ -115,9 +115,6 @@ class SceneFileWriter:
             contrast=a.contrast,
         )  # fmt: skip
         return layout_elements(layout, network) + list(a.extra) + obstacle_elements(a.obstacles, network)
-
-    def _types(self) -> list[etree._Element]:
-        return driver_types(self.a.drivers)
 
     def _convoy_elements(self, c: ConvoySetup) -> list[etree._Element]:
         lanes = [self.roads.network.lane(name) for name in c.lanes or (c.lane,) * len(c.places)]
@@ -156,7 +153,7 @@ class SceneFileWriter:
             standing = standing_cars(network, graph, ask, rng)
             if ask is not written:
                 written = ask
-                write_additional([*fixed, *self._types(), *background(standing)], self.trial)
+                write_additional([*fixed, *driver_types(a.drivers), *background(standing)], self.trial)
             load_files(self.sim, self.roads.file.path, self.trial, network, self.seed)
             inflow = DemandCalibration(self.sim, network, graph, ask, standing, target, rng)
             mean = inflow.drive(duration_s)
