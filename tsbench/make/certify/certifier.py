@@ -54,6 +54,8 @@ from tsbench.sim.world import WorldSnapshot
 
 # In the order in which they are asked; the first that solves a row stands in its certificate.
 EXPERTS = ("idm-e", "idm-s3-e", "idm-s4-e")
+Problem = tuple[str, str]
+_Batch = list[tuple[ScenarioSpec, Certificate]]
 
 
 @dataclass(frozen=True)
@@ -293,10 +295,6 @@ def _digest(*results: EpisodeResult) -> str:
         for violation in result.facts.against:
             digest.update(violation.sentence.encode())
     return digest.hexdigest()
-
-
-Problem = tuple[str, str]
-_Batch = list[tuple[ScenarioSpec, Certificate]]
 
 
 @lru_cache(maxsize=1)

@@ -30,6 +30,9 @@ BATCH = 250
 SAME_RING_M = 80.0
 Progress = Callable[[str, int, int], None]  # what is done, steps done, steps in all
 Keep = Callable[..., CachedResult] | None
+STEP_M = 10.0
+NEAR_M = 30.0  # generalised shapes are off by up to 28 m
+MAX_SHARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -223,11 +226,6 @@ def _summary(result: HarvestResult, extracts: dict[str, Path]) -> dict[str, obje
         "rings": result.rings,
         "rejected": result.rejected,
     }
-
-
-STEP_M = 10.0
-NEAR_M = 30.0  # generalised shapes are off by up to 28 m
-MAX_SHARE = 0.25
 
 
 class Coverage:

@@ -44,6 +44,9 @@ _OF_TAGS = re.compile(
 _SAID_ALWAYS = re.compile(r"Network contains very large coordinates|\d+ total messages of type")
 # What differs between two warnings of one kind.
 _VALUES = re.compile(r"'.*'|\(.*\)|-?\d+(\.\d+)?")
+TIMEOUT_S = 300.0
+# netconvert writes a comment with the time and the temporary paths of the run: no data.
+_HEADER_COMMENT = re.compile(rb"<!-- generated on .*?-->\s*", re.DOTALL)
 
 
 def sumo_home() -> Path:
@@ -166,11 +169,6 @@ def _last_error(stderr: str) -> str:
     lines = [line.strip() for line in stderr.splitlines() if line.strip()]
     errors = [line for line in lines if line.startswith("Error")] or lines
     return " | ".join(errors[-2:]) if errors else "it said nothing"
-
-
-TIMEOUT_S = 300.0
-# netconvert writes a comment with the time and the temporary paths of the run: no data.
-_HEADER_COMMENT = re.compile(rb"<!-- generated on .*?-->\s*", re.DOTALL)
 
 
 def build_net(plain: PlainNet, out: Path) -> None:

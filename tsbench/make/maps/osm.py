@@ -33,6 +33,17 @@ _KINDS = ("node", "way", "relation")
 _ENTITIES = (osmium.osm.NODE, osmium.osm.WAY, osmium.osm.RELATION)
 # What only files of editors and of changes have; most files are not looked at any closer.
 _MARKS = re.compile(rb"""<osmChange[\s>]|\baction\s*=\s*["']delete["']""")
+_GEOMETRY = re.compile(rb"""<center\s|<nd\s[^<>]*\blat\s*=""")
+# What a plain file has within its objects.
+_PARTS = ("nd", "member", "tag")
+# No two neighbouring nodes of a road are so far apart.
+FARTHEST_KM = 50.0
+_KM_PER_DEGREE = 111.2
+_UNITS = 10_000_000  # of osmium's, in a degree
+_UNDEFINED = 2**31 - 1  # a node without a place
+_DEGREES = re.compile(r"-?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_MOST = {f"{which}{axis}": most for axis, most in (("lat", 90.0), ("lon", 180.0)) for which in ("", "min", "max")}
+Ints = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -247,11 +258,6 @@ def _marked_deleted(path: Path) -> list[int]:
     return marked
 
 
-_GEOMETRY = re.compile(rb"""<center\s|<nd\s[^<>]*\blat\s*=""")
-# What a plain file has within its objects.
-_PARTS = ("nd", "member", "tag")
-
-
 def has_geometry(path: Path) -> bool:
     """Does an extract repeat places in this way?"""
     return not ending_of(path.name).endswith("pbf") and occurs(_GEOMETRY, path)
@@ -279,16 +285,6 @@ def with_nodes(path: Path) -> bytes:
             if name not in nodes:
                 file.write(node)
     return made.getvalue()
-
-
-# No two neighbouring nodes of a road are so far apart.
-FARTHEST_KM = 50.0
-_KM_PER_DEGREE = 111.2
-_UNITS = 10_000_000  # of osmium's, in a degree
-_UNDEFINED = 2**31 - 1  # a node without a place
-_DEGREES = re.compile(r"-?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-_MOST = {f"{which}{axis}": most for axis, most in (("lat", 90.0), ("lon", 180.0)) for which in ("", "min", "max")}
-Ints = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,9 @@ from tsbench.make.maps.extracts import opened_xml
 from tsbench.make.maps.road_tags import WIDTH_RANGE_M
 
 Point = tuple[float, float]
+DEFAULT_WIDTH_M = 3.25
+# The OSM nodes that an id of a junction is made of; an id of an editor's own is below zero.
+_NUMBERS = re.compile(r"-?\d+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,11 +125,6 @@ def split_edge(plain: PlainNet, edge_id: str, cuts: Sequence[float]) -> tuple[Pl
     connections = [c for c in plain.connections if edge_id not in (c.source, c.target)]
     net = replace(plain, nodes=(*plain.nodes, *nodes), edges=tuple(edges), connections=(*connections, *links))
     return net, tuple(p.id for p in parts)
-
-
-DEFAULT_WIDTH_M = 3.25
-# The OSM nodes that an id of a junction is made of; an id of an editor's own is below zero.
-_NUMBERS = re.compile(r"-?\d+")
 
 
 @dataclass(frozen=True, slots=True)

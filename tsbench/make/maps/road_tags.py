@@ -52,6 +52,34 @@ _UNITS = {
     "cm": 0.01,
     "in": 0.0254,
 }
+CAR_ROADS = frozenset(
+    f"{road}{link}" for road in ("motorway", "trunk", "primary", "secondary", "tertiary") for link in ("", "_link")
+) | {"unclassified", "residential", "living_street", "road"}
+# The most specific one that a way has decides, as for the routers OSRM and openrouteservice.
+ACCESS_KEYS = ("motorcar", "motor_vehicle", "vehicle", "access")
+# Values that do not let in every driver of a car.
+CLOSED_VALUES = frozenset(
+    (
+        "no", "private", "permit", "residents", "restricted", "delivery", "forestry", "agricultural", "military",
+        "emergency", "bus", "psv", "hgv",
+    )
+)  # fmt: skip
+# A road that is no more, or not yet; `construction=minor` are works beside traffic.
+_LIFECYCLE = ("abandoned", "disused", "razed", "demolished", "removed", "construction", "proposed", "planned")
+_STANDS = frozenset(("no", "minor"))
+_DIRECTIONS = ("forward", "backward")
+_SWAPPED = {"left": "right", "right": "left"}
+# In keys: parking:left:orientation. In values: sharp_left, no_left_turn, right_of:1, through;slight_right.
+_WORD = re.compile(r"(?<![A-Za-z])(left|right)(?![A-Za-z])")
+# Values of these are names, addresses or remarks, in which left and right are words.
+_TEXT = re.compile(
+    r"(name|note|description|fixme|addr|ref|operator|website|source|wikipedia|wikidata|destination|comment|inscription)(:|$)"
+)
+# One value for each lane, from left to right: turn:lanes, change:lanes:forward.
+_PER_LANE = re.compile(r"(^|:)lanes(:forward|:backward)?$")
+_COUNT = re.compile(r"\d+(\.\d+)?")
+# Which line of the way is drawn, counted in lanes: its image would need to know their number.
+_DROPPED = re.compile(r"^placement(:|$)")
 
 
 def is_plausible(key: str, value: str) -> bool:
@@ -111,24 +139,6 @@ def some(names: list[str], shown: int = 5) -> str:
     """The first of them, and how many more."""
     more = len(names) - shown
     return ", ".join(names[:shown]) + (f" and {more:,} more" if more > 0 else "")
-
-
-CAR_ROADS = frozenset(
-    f"{road}{link}" for road in ("motorway", "trunk", "primary", "secondary", "tertiary") for link in ("", "_link")
-) | {"unclassified", "residential", "living_street", "road"}
-# The most specific one that a way has decides, as for the routers OSRM and openrouteservice.
-ACCESS_KEYS = ("motorcar", "motor_vehicle", "vehicle", "access")
-# Values that do not let in every driver of a car.
-CLOSED_VALUES = frozenset(
-    (
-        "no", "private", "permit", "residents", "restricted", "delivery", "forestry", "agricultural", "military",
-        "emergency", "bus", "psv", "hgv",
-    )
-)  # fmt: skip
-# A road that is no more, or not yet; `construction=minor` are works beside traffic.
-_LIFECYCLE = ("abandoned", "disused", "razed", "demolished", "removed", "construction", "proposed", "planned")
-_STANDS = frozenset(("no", "minor"))
-_DIRECTIONS = ("forward", "backward")
 
 
 def closed_by(tags: Mapping[str, str]) -> str | None:
@@ -201,20 +211,6 @@ class ClosedRoads:
         return [
             f"ways left out, closed to cars: {self.count:,} ({self.reasons}): {some([f'way {way}' for way in ways])}"
         ]
-
-
-_SWAPPED = {"left": "right", "right": "left"}
-# In keys: parking:left:orientation. In values: sharp_left, no_left_turn, right_of:1, through;slight_right.
-_WORD = re.compile(r"(?<![A-Za-z])(left|right)(?![A-Za-z])")
-# Values of these are names, addresses or remarks, in which left and right are words.
-_TEXT = re.compile(
-    r"(name|note|description|fixme|addr|ref|operator|website|source|wikipedia|wikidata|destination|comment|inscription)(:|$)"
-)
-# One value for each lane, from left to right: turn:lanes, change:lanes:forward.
-_PER_LANE = re.compile(r"(^|:)lanes(:forward|:backward)?$")
-_COUNT = re.compile(r"\d+(\.\d+)?")
-# Which line of the way is drawn, counted in lanes: its image would need to know their number.
-_DROPPED = re.compile(r"^placement(:|$)")
 
 
 def mirrored(entity: Any, meridian: int, tags: Mapping[str, str] | None = None) -> Any:

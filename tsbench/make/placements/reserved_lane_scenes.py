@@ -41,6 +41,8 @@ from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
+_CONTRA = ".contra"
+
 
 class ReservedLanePlacement(ScenePlacement):
     """`bus_lane`, `bike_lane`: from the plate on the rightmost lane is for others, to the end of the marked zone.
@@ -194,9 +196,6 @@ class ContraflowPlacement(ScenePlacement):
             convoy=lane_users(task, self.users, contra, (reserved, onward), lane, start, across),
             blocked=keep_clear(passenger_lanes(network, approach)[-1:], start),
         )
-
-
-_CONTRA = ".contra"
 
 
 def contra_id(edge: str) -> str:

@@ -39,6 +39,8 @@ from tsbench.sim.world import EGO_LENGTH_M
 
 _STILL_ROOM_M = 0.5
 _BEND_M = 5.0
+_ROOM_M = 0.5
+_FASTER_MPS = 0.5
 
 
 class RoundaboutPlacement(ScenePlacement):
@@ -166,10 +168,6 @@ def _met(network: RoadNetwork, ego: Connection, upstream: str) -> list[Conflict]
                 found.append(Conflict(ego, priority, zone))
     # Those who will share the ego's lane first: what is beside it only brushes its way.
     return sorted(found, key=lambda c: (c.priority.to_lane != ego.to_lane, c.priority.from_lane))
-
-
-_ROOM_M = 0.5
-_FASTER_MPS = 0.5
 
 
 @dataclass(frozen=True)

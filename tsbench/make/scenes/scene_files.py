@@ -53,6 +53,24 @@ from tsbench.sim.world import DT_S
 
 DENSITY_GOAL = 0.1
 REHEARSALS = 6
+LEAD_LIMIT_S = 40.0
+LEAD_ID = "convoy_0"
+DENSITY_WINDOW_S = 30.0
+MOST_EXCESS = 1.5
+LEAST_EXCESS = 0.6
+CORRECT_WITHIN_S = 8.0
+CYCLE_S = 30.0
+GREEN_S = 15.0
+ENTER_AFTER_EGO_S = 4.0
+LEAST_HEADWAY_S = 1.5
+LEAST_ROOM_M = 11.0
+SHORTEST_LANE_M = 15.0
+EVERY_TICKS = 4
+# A car that stands for longer, so near its line or within a junction, never gets its turn.
+LONGEST_STAND_S = 30.0
+AT_LINE_M = 10.0
+STANDING_M = 0.5
+OWN_PREFIX = "bg_"
 
 
 @dataclass(frozen=True)
@@ -222,10 +240,6 @@ class SceneFileWriter:
             self.sim.hold_persons(a.walkers.persons)
 
 
-LEAD_LIMIT_S = 40.0
-LEAD_ID = "convoy_0"
-
-
 def load_files(sim: Simulation, net: Path, additional: Path, network: RoadNetwork, seed: int) -> None:
     """As `Simulation.load`, also where a path has commas: SUMO takes them for the ends of names."""
     with _without_commas(net) as plain_net, _without_commas(additional) as plain_additional:
@@ -263,24 +277,6 @@ def lead_time(sim: Simulation, net: Path, additional: Path, network: RoadNetwork
         if sim.distance_driven(LEAD_ID) - began >= way_m:
             return tick * DT_S
     raise SimulationError(f"{additional}: the convoy's lead does not reach the conflict zone")
-
-
-DENSITY_WINDOW_S = 30.0
-MOST_EXCESS = 1.5
-LEAST_EXCESS = 0.6
-CORRECT_WITHIN_S = 8.0
-CYCLE_S = 30.0
-GREEN_S = 15.0
-ENTER_AFTER_EGO_S = 4.0
-LEAST_HEADWAY_S = 1.5
-LEAST_ROOM_M = 11.0
-SHORTEST_LANE_M = 15.0
-EVERY_TICKS = 4
-# A car that stands for longer, so near its line or within a junction, never gets its turn.
-LONGEST_STAND_S = 30.0
-AT_LINE_M = 10.0
-STANDING_M = 0.5
-OWN_PREFIX = "bg_"
 
 
 class DemandCalibration:

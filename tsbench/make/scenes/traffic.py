@@ -34,6 +34,12 @@ BODIES = {"s": (3.7, 1.65), "m": (4.5, 1.85), "l": (5.3, 2.0), "xl": (8.5, 2.4)}
 
 # The hardest braking of a vehicle: with SUMO's own 9 m/s2, a car that creeps stops dead for whatever is ahead of it.
 _HARDEST_BRAKE_MPS2 = 4.5
+CLEAR_BEHIND_M = 40.0
+CLEAR_BESIDE_M = 12.0
+CLEAR_AHEAD_M = 20.0
+CLEAR_AHEAD_S = 3.0
+_STRAIGHT_ON = 4.0
+_MAX_EDGES = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,14 +89,6 @@ def draw_driver(rng: np.random.Generator) -> Driver:
 
 def draw_drivers(rng: np.random.Generator) -> tuple[Driver, ...]:
     return tuple(draw_driver(rng) for _ in range(DRIVERS_PER_DRAW))
-
-
-CLEAR_BEHIND_M = 40.0
-CLEAR_BESIDE_M = 12.0
-CLEAR_AHEAD_M = 20.0
-CLEAR_AHEAD_S = 3.0
-_STRAIGHT_ON = 4.0
-_MAX_EDGES = 40
 
 
 @dataclass(frozen=True, slots=True)

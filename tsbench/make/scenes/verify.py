@@ -41,6 +41,13 @@ BEND_STEP_M = 1.0
 BEND_STEPS = 5
 BEND_RAD = math.radians(110.0)
 BROKEN, BROKEN_BY_EGO = "broken", "broken by ego"
+# What differs between the halves of a pair; all else is the same.
+_OF_A_HALF = frozenset(
+    (
+        "scenario_id", "scenario_type", "group", "sign_code", "sign_value", "half", "net", "net_sha256", "additional",
+        "additional_sha256",
+    )
+)  # fmt: skip
 
 
 def verify_rows(
@@ -83,15 +90,6 @@ def verify_certificates(
             problem = "its certificate is of another row or SUMO (tsbench scenarios certify renews it)"
             problems.append((name, problem))
     return problems
-
-
-# What differs between the halves of a pair; all else is the same.
-_OF_A_HALF = frozenset(
-    (
-        "scenario_id", "scenario_type", "group", "sign_code", "sign_value", "half", "net", "net_sha256", "additional",
-        "additional_sha256",
-    )
-)  # fmt: skip
 
 
 def verify_pairs(specs: Sequence[ScenarioSpec], certificates: Iterable[Certificate]) -> list[tuple[str, str]]:
