@@ -79,7 +79,7 @@ def _expect_roundabout(row: PoolRow) -> Expectations:
     detail = row.fields
     ring = detail["ring"]
     links = list(pairwise([*ring, ring[0]]))
-    # A leg is one edge of the crop, the one at the ring (`crop`); others' queues on it must not reach the ring.
+    # A leg is one edge of the crop, the one at the ring; others' queues on it must not reach the ring.
     legs = [leg["edges"][-1] for leg in detail["entries"]] + [leg["edges"][0] for leg in detail["exits"]]
     return Expectations(dict.fromkeys(legs, MIN_LANE_M), links)
 
