@@ -12,7 +12,7 @@ from PIL import Image
 from tsbench.cli.maps import maps
 from tsbench.cli.signs import signs
 from tsbench.core.errors import InputError
-from tsbench.make.maps.overpass import parse_box
+from tsbench.make.maps.extracts import parse_box
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.countries import load_countries
 

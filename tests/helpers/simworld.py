@@ -22,7 +22,9 @@ from lxml import etree
 
 from tsbench.core.xmlfile import read_plain, sha256
 from tsbench.make.maps.plain import PlainConnection, PlainEdge, PlainNet, PlainNode
-from tsbench.make.scenes.elements import (
+from tsbench.make.scenes.traffic import (
+    Car,
+    Driver,
     background,
     convoy_elements,
     driver_types,
@@ -30,7 +32,6 @@ from tsbench.make.scenes.elements import (
     obstacle_elements,
     write_additional,
 )
-from tsbench.make.scenes.traffic import Car, Driver
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.spec import ScenarioSpec

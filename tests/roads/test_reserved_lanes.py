@@ -11,7 +11,7 @@ from labelled import CASES
 from lxml import etree
 from simworld import CALM, SceneMaker, motion_at, plate
 
-from tsbench.make.scenes.elements import convoy_elements
+from tsbench.make.scenes.traffic import convoy_elements
 from tsbench.roads.lane_graph import Destination, LaneGraph, RoutePath
 from tsbench.roads.localization import LaneLocator
 from tsbench.roads.network import RoadNetwork, read_network

@@ -16,7 +16,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import CITY, OWN_CITY, using_city
 from tsbench.geometry.elementary import LEFT, RIGHT, SUMO_TURNS
 from tsbench.make.maps.netconvert import build_net
-from tsbench.make.scenes.scene_lint import lint_scene
+from tsbench.make.scenes.verify import lint_scene
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.mirror import mirrored_network, mirrored_row

@@ -12,9 +12,8 @@ from simworld import CALM, SceneMaker, motion_at, plate, road_plain
 from tsbench.core.errors import SimulationError
 from tsbench.make.maps.netconvert import build_net
 from tsbench.make.placements.crosswalk import kerb_to_kerb, path_name, with_crossings
-from tsbench.make.scenes.elements import walker_elements
 from tsbench.make.scenes.recipe import load_recipe
-from tsbench.make.scenes.traffic import Car
+from tsbench.make.scenes.traffic import Car, walker_elements
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
 from tsbench.scenarios.spec import ScenarioSpec

@@ -14,7 +14,7 @@ from lxml import etree
 from simworld import obstacle, plate
 
 from tsbench.core.errors import InputError
-from tsbench.make.scenes.elements import write_additional
+from tsbench.make.scenes.traffic import write_additional
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.catalog import load_catalog

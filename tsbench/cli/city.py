@@ -13,8 +13,8 @@ from tsbench.cli.console import bars, print_notes, print_table
 from tsbench.core.errors import InputError
 from tsbench.core.paths import MIRRORED, city_names
 from tsbench.make.city import chosen_city, describe_city, fetch_extracts, find_extract, new_city_file, sources_dir
-from tsbench.make.maps import overpass
-from tsbench.make.maps.names import ending_of
+from tsbench.make.maps import extracts
+from tsbench.make.maps.extracts import ending_of
 from tsbench.make.maps.stats import draw_pool
 from tsbench.make.scenes.overview import build_report, carried, report_file
 from tsbench.make.scenes.recipe import load_recipes
@@ -142,8 +142,7 @@ def new(
     osm: Path | None,
 ) -> None:
     """Describe an extract, or the roads of a box or place that are fetched, as the city NAME in cities/NAME.yaml."""
-    from tsbench.make.maps.own_extract import facts_of
-    from tsbench.make.maps.place import GEOCODER, outline_of
+    from tsbench.make.maps.own_extract import GEOCODER, facts_of, outline_of
 
     file, code = new_city_file(name), country_code(country, "--country")
     if osm is not None and not osm.is_dir() and ending_of(osm.name):
@@ -153,15 +152,15 @@ def new(
     elif (bbox is None) == (place is None) or address:
         raise InputError("name the roads: --bbox W,S,E,N or --place NAME of what is to be fetched, or --osm FILE")
     else:
-        area: overpass.Box | overpass.Outline
+        area: extracts.Box | extracts.Outline
         if place is not None:
             area = outline_of(place, geocoder or GEOCODER)
-            overpass.check_outline(place, area)
+            extracts.check_outline(place, area)
         else:
-            area = overpass.parse_box(bbox or "")
+            area = extracts.parse_box(bbox or "")
         path, date = (osm or sources_dir()) / f"{name}.osm.gz", date or f"{datetime.now(UTC):%Y-%m-%d}"
-        address = overpass.address(area, date, server or overpass.SERVER, ground)
-        overpass.fetch_extract(path, address)
+        address = extracts.address(area, date, server or extracts.SERVER, ground)
+        extracts.fetch_extract(path, address)
     zone, facts, left_out = facts_of(path, date, address)
     describe_city(file, title or place or name, code, zone, facts)
     click.echo(

@@ -9,7 +9,7 @@ import click
 from tsbench.cli import options
 from tsbench.cli.console import bars, print_notes, print_table
 from tsbench.make.city import chosen_city, made_pool, sources_dir
-from tsbench.make.maps import overpass
+from tsbench.make.maps import extracts
 from tsbench.make.maps.stats import CountTable, count_tables, draw_pool
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import read_pool
@@ -84,7 +84,7 @@ def stats(pool_path: Path | None, png: Path | None) -> None:
 def fetch(name: str, bbox: str, date: str | None, server: str | None, out: Path | None) -> None:
     """Fetch the roads of a box from OpenStreetMap as the extract NAME."""
     path = (out or sources_dir()) / f"{name}.osm.gz"
-    digest = overpass.fetch_extract(path, overpass.address(overpass.parse_box(bbox), date, server or overpass.SERVER))
+    digest = extracts.fetch_extract(path, extracts.address(extracts.parse_box(bbox), date, server or extracts.SERVER))
     click.echo(f"{path}: SHA-256 {digest}")
 
 
@@ -95,7 +95,7 @@ def fetch(name: str, bbox: str, date: str | None, server: str | None, out: Path 
 @options.out("PNG file to draw.", type=options.FILE, required=True)
 def show(map_ids: tuple[str, ...], osm_dir: Path | None, out: Path) -> None:
     """Cut maps from their extracts and draw them on one sheet."""
-    from tsbench.make.pages.map_sheet import draw_maps
+    from tsbench.make.maps.map_sheet import draw_maps
 
     draw_maps(map_ids, osm_dir or sources_dir(), out)
     click.echo(f"{len(map_ids)} maps: {out}")

@@ -17,14 +17,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
 from tsbench.make.certify.certifier import draw_sample, recertify
 from tsbench.make.city import sources_dir
-from tsbench.make.pages.dataset_tables import (
-    axes_table,
-    dataset_page,
-    dataset_tables,
-    tagging,
-    tagging_table,
-    type_axes,
-)
+from tsbench.make.dataset_tables import axes_table, dataset_page, dataset_tables, tagging, tagging_table, type_axes
 from tsbench.make.scenes.overview import build_report, shown_reason, type_stats
 from tsbench.make.scenes.verify import (
     finding_counts,
@@ -235,7 +228,7 @@ def stats(markdown: Path | None) -> None:
 @options.workers
 def browse(types: tuple[str, ...], split: str | None, out: Path, workers: int) -> None:
     """Write one page to look at the data set: types, places, scenes, certificates. At most 20 MB, opens from disk."""
-    from tsbench.make.pages.dataset_page import write_dataset_page  # brings pictures
+    from tsbench.make.dataset_page import write_dataset_page  # brings pictures
 
     data = DataSet.in_use()
     rows = options.rows_of(data, split, types)

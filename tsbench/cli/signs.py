@@ -39,7 +39,7 @@ def show_sign(code: str) -> None:
 @options.out("Folder for pages and pictures.", type=options.FOLDER, required=True)
 def write_pages(types: tuple[str, ...], out: Path) -> None:
     """Write a page for each scenario type: law, rule, a violation and an obedient pass of the same scene."""
-    from tsbench.make.pages.sign_pages import PageMaker
+    from tsbench.make.sign_pages import PageMaker
 
     data = DataSet.in_use()
     maker = PageMaker(data, out)

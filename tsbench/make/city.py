@@ -33,8 +33,8 @@ from tsbench.core.paths import (
 )
 from tsbench.core.typed import SCHEMA, read_sheet
 from tsbench.core.xmlfile import parse
-from tsbench.make.maps import overpass
-from tsbench.make.maps.names import SUFFIXES, extracts_in, file_at
+from tsbench.make.maps import extracts
+from tsbench.make.maps.extracts import SUFFIXES, extracts_in, file_at
 from tsbench.make.maps.utm import UtmFrame
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.countries import Side, country_code, country_codes, driving_sides, load_country
@@ -197,11 +197,11 @@ def fetch_extracts(name: str, osm_dir: Path, on_progress: Callable[[str], None])
     Raises InputError where one cannot be had or is not the one that the city is made of; others stay.
     """
     for extract in load_city(name).extracts:
-        asked = overpass.is_address(extract.address)
+        asked = extracts.is_address(extract.address)
         there = extracts_in(osm_dir, extract.name).get(extract.name)
         path = there or osm_dir / (f"{extract.name}.osm.gz" if asked else file_at(extract.name, extract.address))
         if not path.exists() and asked:
-            overpass.fetch_extract(path, extract.address)
+            extracts.fetch_extract(path, extract.address)
         elif not path.exists():
             fetch_file(extract.address, extract.bytes, extract.sha256, path)
         check_extract(extract, path)

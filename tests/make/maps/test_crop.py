@@ -13,8 +13,15 @@ import pytest
 import shapely
 
 from tsbench.core.errors import InputError
-from tsbench.make.maps.crop import BETWEEN_M, REGISTRY, merge_chains, part_carriageways, plain_crop
-from tsbench.make.maps.crop_lint import expectations, lint_crops, loads_in_sumo
+from tsbench.make.maps.crop import (
+    BETWEEN_M,
+    REGISTRY,
+    lint_crops,
+    loads_in_sumo,
+    merge_chains,
+    part_carriageways,
+    plain_crop,
+)
 from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.pieces import length
 from tsbench.make.maps.plain import PlainConnection, PlainCrossing, PlainEdge, PlainLane, PlainNet, PlainNode
@@ -35,7 +42,8 @@ def a_t(source: SourceNetwork) -> PoolRow:
 def test_crops_are_sound_and_lie_where_the_row_says(tiny: SourceNetwork, family: str) -> None:
     rows = rows_of(tiny, family)[:12]
     crops = [plain_crop(row, tiny) for row in rows]
-    assert lint_crops([(crop, expectations(row)) for crop, row in zip(crops, rows, strict=True)]) == [""] * len(rows)
+    expect = REGISTRY[family].expect
+    assert lint_crops([(crop, expect(row)) for crop, row in zip(crops, rows, strict=True)]) == [""] * len(rows)
     for row, crop in zip(rows, crops, strict=True):
         points = np.array([point for edge in crop.edges for point in edge.shape])
         centre = np.array([float(crop.attributes["utm_east"]), float(crop.attributes["utm_north"])])

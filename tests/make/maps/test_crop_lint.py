@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from tsbench.make.maps.crop_lint import Expectations, lint_crops
+from tsbench.make.maps.crop import Expectations, lint_crops
 from tsbench.make.maps.plain import PlainEdge, PlainNet, PlainNode
 
 Points = tuple[tuple[float, float], ...]

@@ -10,7 +10,7 @@ import pytest
 from town import make_town
 
 from tsbench.make.maps.crop import REGISTRY, plain_crop
-from tsbench.make.maps.junctions import Arm, junction_shape, least_separation, through_pairs
+from tsbench.make.maps.junctions_and_corridors import Arm, junction_shape, least_separation, through_pairs
 from tsbench.make.maps.pieces import chord_over_arc
 from tsbench.make.maps.roundabouts import ARM_CUTS_M, shape_fault
 from tsbench.make.maps.source import SourceNetwork

@@ -10,8 +10,8 @@ import shapely
 from town import EAST, NORTH, Town
 
 from tsbench.core.errors import InputError
+from tsbench.make.maps.extracts import query
 from tsbench.make.maps.ground import around, surfaces
-from tsbench.make.maps.overpass import query
 from tsbench.make.maps.utm import UtmFrame
 
 FRAME = UtmFrame(37)

@@ -15,8 +15,8 @@ from tsbench.core.files import sha256_of
 from tsbench.make.city import build_dir
 from tsbench.make.maps.crop import REGISTRY
 from tsbench.make.maps.harvest import Coverage, harvest
+from tsbench.make.maps.map_sheet import map_sheet
 from tsbench.make.maps.source import SourceNetwork, load_source
-from tsbench.make.pages.map_sheet import map_sheet
 from tsbench.scenarios.map_pool import POOL_SCHEMA, map_id, read_pool, write_pool
 
 

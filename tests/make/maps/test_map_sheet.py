@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from test_crop import rows_of
 
+from tsbench.make.maps.map_sheet import map_sheet
 from tsbench.make.maps.source import SourceNetwork
-from tsbench.make.pages.map_sheet import map_sheet
 from tsbench.report.drawing.canvas import STYLE
 from tsbench.report.drawing.paint import save_png
 

@@ -11,7 +11,7 @@ from town import make_town
 
 from tsbench.core.errors import InputError
 from tsbench.make.city import find_extract, list_extracts
-from tsbench.make.maps.names import SUFFIXES, check_file, extract_name, extracts_in, file_at
+from tsbench.make.maps.extracts import SUFFIXES, check_file, extract_name, extracts_in, file_at
 from tsbench.make.maps.netconvert import convert_extract
 from tsbench.make.maps.source import SourceNetwork, load_source
 

@@ -15,7 +15,7 @@ from town import make_town
 
 from tsbench.core import paths
 from tsbench.core.errors import InputError
-from tsbench.make.maps.crop_lint import loads_in_sumo
+from tsbench.make.maps.crop import loads_in_sumo
 from tsbench.make.maps.netconvert import build_net, convert_extract
 from tsbench.make.maps.osm import read_extract
 from tsbench.roads.network import read_network

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from town import NORTH, make_town
 
-from tsbench.make.maps.osm import mirrored_tags, read_extract
+from tsbench.make.maps.osm import read_extract
+from tsbench.make.maps.road_tags import mirrored_tags
 from tsbench.make.maps.utm import UtmFrame
 
 MERIDIAN = UtmFrame(37).meridian

@@ -17,8 +17,7 @@ from tsbench.cli import cli
 from tsbench.core.errors import InputError
 from tsbench.make import city as cities
 from tsbench.make.maps.netconvert import convert_extract
-from tsbench.make.maps.osm import read_extract
-from tsbench.make.maps.osm_objects import contents_of, places_of
+from tsbench.make.maps.osm import contents_of, places_of, read_extract
 from tsbench.make.maps.own_extract import facts_of
 from tsbench.make.maps.plain import origins_and_junctions
 from tsbench.make.maps.source import load_source

@@ -18,8 +18,8 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import using_city
 from tsbench.make import city as cities
 from tsbench.make.city import load_city
+from tsbench.make.maps.extracts import address, fetch_extract, is_address, parse_box
 from tsbench.make.maps.osm import read_extract
-from tsbench.make.maps.overpass import address, fetch_extract, is_address, parse_box
 from tsbench.make.maps.source import load_source
 
 BOX = (11.5, 49.9, 11.6, 50.0)

@@ -14,8 +14,8 @@ import pytest
 from serving import answer, serving
 
 from tsbench.core.errors import InputError
-from tsbench.make.maps.overpass import check_outline, query
-from tsbench.make.maps.place import outline_of
+from tsbench.make.maps.extracts import check_outline, query
+from tsbench.make.maps.own_extract import outline_of
 
 SQUARE = [[11.5, 49.9], [11.6, 49.9], [11.6, 50.0], [11.5, 50.0], [11.5, 49.9]]
 SMALL = [[12.0, 50.0], [12.01, 50.0], [12.01, 50.01], [12.0, 50.0]]

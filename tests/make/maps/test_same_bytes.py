@@ -9,8 +9,8 @@ import pytest
 
 from tsbench.core.files import sha256_of
 from tsbench.make.city import list_extracts, load_city
+from tsbench.make.maps.extracts import extract_name
 from tsbench.make.maps.harvest import harvest
-from tsbench.make.maps.names import extract_name
 from tsbench.make.maps.source import load_source
 from tsbench.make.scenes.map_scenarios import SiteBuilder
 from tsbench.make.scenes.recipe import load_recipe

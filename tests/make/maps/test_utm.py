@@ -13,7 +13,7 @@ from town import EAST, NORTH, Town, make_town
 
 from tsbench.core.errors import InputError
 from tsbench.make.maps.harvest import _check_one_frame
-from tsbench.make.maps.osm_objects import contents_of
+from tsbench.make.maps.osm import contents_of
 from tsbench.make.maps.source import SourceNetwork, load_source
 from tsbench.make.maps.utm import UtmFrame, frame_of, zones_at
 

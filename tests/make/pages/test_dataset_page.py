@@ -18,8 +18,8 @@ from patience import HANG_S
 
 from tsbench.cli import main
 from tsbench.core.errors import InputError
-from tsbench.make.pages import dataset_page as module
-from tsbench.make.pages.dataset_page import write_dataset_page
+from tsbench.make import dataset_page as module
+from tsbench.make.dataset_page import write_dataset_page
 from tsbench.make.scenes import overview
 from tsbench.scenarios.certificates import Certificate, certificates_of
 from tsbench.scenarios.data_set import DataSet

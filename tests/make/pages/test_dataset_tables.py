@@ -9,7 +9,7 @@ from typing import Any, cast
 
 import pytest
 
-from tsbench.make.pages.dataset_tables import (
+from tsbench.make.dataset_tables import (
     Asked,
     Tagging,
     TypeAxes,

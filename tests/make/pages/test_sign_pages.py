@@ -8,7 +8,7 @@ import pytest
 from PIL import Image as PilImage
 
 from tsbench.core.errors import InputError
-from tsbench.make.pages.sign_pages import PageMaker
+from tsbench.make.sign_pages import PageMaker
 from tsbench.report.wording import OPTIONS, THRESHOLDS, in_values, threshold_value
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog

@@ -30,7 +30,7 @@ from tsbench.make.placements.speed_zone import KMH
 from tsbench.make.scenes import map_scenarios as site_module
 from tsbench.make.scenes.map_scenarios import MapScenarios, SiteBuilder
 from tsbench.make.scenes.recipe import Recipe, Variant, load_recipe, variants_of
-from tsbench.make.scenes.scene_lint import lint_scene
+from tsbench.make.scenes.verify import lint_scene
 from tsbench.metrics.episode_metrics import is_scd
 from tsbench.planners.registry import resolve
 from tsbench.report.drawing.canvas import STYLE

@@ -24,7 +24,7 @@ from tsbench.make.placements.placement import Arrangement, SceneTask
 from tsbench.make.scenes import map_scenarios as site_module
 from tsbench.make.scenes.map_scenarios import MapScenarios, SiteBuilder
 from tsbench.make.scenes.recipe import Variant, variants_of
-from tsbench.make.scenes.scene_lint import lint_scene
+from tsbench.make.scenes.verify import lint_scene
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.certificates import Certificate

@@ -20,7 +20,7 @@ from tsbench.make.scenes import map_scenarios as site_module
 from tsbench.make.scenes.map_scenarios import SiteBuilder
 from tsbench.make.scenes.placed_plates import scene_vehicles
 from tsbench.make.scenes.recipe import INITIAL_SPEEDS_MPS, Variant, variants_of
-from tsbench.make.scenes.scene_lint import lint_scene
+from tsbench.make.scenes.verify import lint_scene
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.data_set import DataSet

@@ -13,7 +13,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simworld import CALM, SceneMaker, plate, simulation
 
-from tsbench.make.scenes.elements import background, driver_types, write_additional
 from tsbench.make.scenes.plate_roads import plate_roads
 from tsbench.make.scenes.scene_files import (
     CYCLE_S,
@@ -31,9 +30,12 @@ from tsbench.make.scenes.traffic import (
     Sent,
     TrafficRequest,
     avoidable,
+    background,
+    driver_types,
     lane_km,
     shut_roads,
     standing_cars,
+    write_additional,
 )
 from tsbench.roads.lane_graph import Destination, LaneGraph
 from tsbench.roads.network import RoadNetwork

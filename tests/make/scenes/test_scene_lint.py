@@ -13,8 +13,8 @@ from simworld import SceneMaker, edge, obstacle, place, plain, plate
 
 from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainNode
-from tsbench.make.scenes.scene_lint import lint_limits, lint_scene
 from tsbench.make.scenes.traffic import Car
+from tsbench.make.scenes.verify import lint_limits, lint_scene
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
 from tsbench.roads.planner_map import build_planner_map

@@ -54,6 +54,8 @@ from tsbench.sim.world import WorldSnapshot
 
 # In the order in which they are asked; the first that solves a row stands in its certificate.
 EXPERTS = ("idm-e", "idm-s3-e", "idm-s4-e")
+Problem = tuple[str, str]
+_Batch = list[tuple[ScenarioSpec, Certificate]]
 
 
 @dataclass(frozen=True)
@@ -208,9 +210,6 @@ class Certifier:
             self._loaded[name] = replace(resolve(name), name=name)
         return self._loaded[name]
 
-    def _drive(self, planner: str, spec: ScenarioSpec) -> _Drive:
-        return self._run(self._planner(planner), spec)
-
     def _first_difference(
         self, ticks: Sequence[WorldSnapshot], answers: Sequence[Control | Trajectory], other: ScenarioSpec
     ) -> WorldSnapshot | None:
@@ -263,7 +262,8 @@ class Certifier:
             is_over(episode)
         return episode.result
 
-    def _run(self, planner: LoadedPlanner, spec: ScenarioSpec) -> _Drive:
+    def _drive(self, name: str, spec: ScenarioSpec) -> _Drive:
+        planner = self._planner(name)
         seen = Recorder(planner.factory())
         runner = EpisodeRunner(replace(planner, factory=lambda: seen), simulation=self._simulation, loader=self._loader)
         return _Drive(runner.run(spec), seen)
@@ -295,10 +295,6 @@ def _digest(*results: EpisodeResult) -> str:
         for violation in result.facts.against:
             digest.update(violation.sentence.encode())
     return digest.hexdigest()
-
-
-Problem = tuple[str, str]
-_Batch = list[tuple[ScenarioSpec, Certificate]]
 
 
 @lru_cache(maxsize=1)

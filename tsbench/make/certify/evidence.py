@@ -35,6 +35,20 @@ _STOP = Control(-3.0, 0.0)
 _SAME = 1e-6
 # Points of a scene's file for the ego's judge and driver alone: plates, what is needless, the asked way.
 _OF_THE_EGO = ("sign", CONTRAST, "start")
+EVERY_TICKS = 5
+# Cars that pass close in a narrow bend brush each other in SUMO by centimetres; this much is a collision.
+DEEP_M = 0.5
+THIN_M = 0.05
+_CRAWL_MPS = 1.5
+_BRAKE_MPS2, _HARD_MPS2 = 2.5, 6.0
+_STANDS_MPS = 0.05
+_NEAR_M = 1.0
+# Those who leave their lane look so much farther ahead than others: it is left over some metres.
+_SWING_M = 4.0
+_BESIDE_M = 48.0
+_OTHER_LANE_M, _VERGE_M = 3.0, 2.2
+# How many of them a certificate tries on a pair.
+_TRIED = 2
 
 
 class Recorder:
@@ -135,12 +149,6 @@ def braking_before(line: tuple[float, float], tick: WorldSnapshot) -> float | No
     return None if ahead <= 0.0 else tick.ego.speed**2 / (2.0 * ahead)
 
 
-EVERY_TICKS = 5
-# Cars that pass close in a narrow bend brush each other in SUMO by centimetres; this much is a collision.
-DEEP_M = 0.5
-THIN_M = 0.05
-
-
 def road_users(facts: EpisodeFacts) -> int:
     """How many other road users came within sight of the ego."""
     return len(facts.snapshots[-1].actors.table.ids)
@@ -202,18 +210,6 @@ def arrival_gap(facts: EpisodeFacts) -> float:
         if gone is not None and gone >= plan.ego_zone_m:
             return released + plan.lead_time_s - snapshot.time
     return math.nan
-
-
-_CRAWL_MPS = 1.5
-_BRAKE_MPS2, _HARD_MPS2 = 2.5, 6.0
-_STANDS_MPS = 0.05
-_NEAR_M = 1.0
-# Those who leave their lane look so much farther ahead than others: it is left over some metres.
-_SWING_M = 4.0
-_BESIDE_M = 48.0
-_OTHER_LANE_M, _VERGE_M = 3.0, 2.2
-# How many of them a certificate tries on a pair.
-_TRIED = 2
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from tsbench.geometry.elementary import U_TURN, turn_class
-from tsbench.make.maps.junctions import arms_of, junction_shape
+from tsbench.make.maps.junctions_and_corridors import arms_of, junction_shape
 from tsbench.make.maps.pieces import EdgePiece, chord_over_arc, cut, heading_away, heading_towards, length, make_row
 from tsbench.make.maps.source import SourceNetwork
 from tsbench.roads.lane_graph import Reached, shortest_ways, way_to

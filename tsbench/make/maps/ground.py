@@ -14,7 +14,7 @@ import shapely
 from tsbench.core.errors import InputError
 from tsbench.core.parquet import GROUND_FILE, GROUND_KINDS, GROUND_SCHEMA, VERSION_KEY, save_table
 from tsbench.make.city import check_extract, chosen_city, find_extract
-from tsbench.make.maps.osm_objects import contents_of, osm_file
+from tsbench.make.maps.osm import contents_of, osm_file
 from tsbench.make.maps.utm import Floats, UtmFrame
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow, read_pool

@@ -19,9 +19,8 @@ from tsbench.core.files import sha256_of, write_json
 from tsbench.core.parallel import CachedResult, worker_processes
 from tsbench.core.paths import cities_folder
 from tsbench.make.city import build_dir, by_preference, chosen_city, list_extracts, netconvert_file, types_file
-from tsbench.make.maps.crop import REGISTRY, plain_crop
-from tsbench.make.maps.crop_lint import expectations, lint_crops
-from tsbench.make.maps.names import extract_name
+from tsbench.make.maps.crop import REGISTRY, lint_crops, plain_crop
+from tsbench.make.maps.extracts import extract_name
 from tsbench.make.maps.pieces import EdgePiece, densified, piece_line
 from tsbench.make.maps.source import SourceNetwork, kept_source, load_source
 from tsbench.make.maps.utm import UtmFrame
@@ -31,6 +30,9 @@ BATCH = 250
 SAME_RING_M = 80.0
 Progress = Callable[[str, int, int], None]  # what is done, steps done, steps in all
 Keep = Callable[..., CachedResult] | None
+STEP_M = 10.0
+NEAR_M = 30.0  # generalised shapes are off by up to 28 m
+MAX_SHARE = 0.25
 
 
 @dataclass(frozen=True)
@@ -171,7 +173,7 @@ def _batches(folder: Path, name: str, osm_dir: Path) -> Iterator[_Batch]:
 
 def _lint(batch: _Batch) -> list[str]:
     source = kept_source(batch.source, batch.osm_dir)
-    return lint_crops([(plain_crop(row, source), expectations(row)) for row in batch.rows])
+    return lint_crops([(plain_crop(row, source), REGISTRY[row.family].expect(row)) for row in batch.rows])
 
 
 def _collect(rejected: dict[str, Counter[str]], batches: Sequence[_Batch], found: Sequence[list[str]]) -> HarvestResult:
@@ -224,11 +226,6 @@ def _summary(result: HarvestResult, extracts: dict[str, Path]) -> dict[str, obje
         "rings": result.rings,
         "rejected": result.rejected,
     }
-
-
-STEP_M = 10.0
-NEAR_M = 30.0  # generalised shapes are off by up to 28 m
-MAX_SHARE = 0.25
 
 
 class Coverage:

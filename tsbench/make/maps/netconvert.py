@@ -44,6 +44,9 @@ _OF_TAGS = re.compile(
 _SAID_ALWAYS = re.compile(r"Network contains very large coordinates|\d+ total messages of type")
 # What differs between two warnings of one kind.
 _VALUES = re.compile(r"'.*'|\(.*\)|-?\d+(\.\d+)?")
+TIMEOUT_S = 300.0
+# netconvert writes a comment with the time and the temporary paths of the run: no data.
+_HEADER_COMMENT = re.compile(rb"<!-- generated on .*?-->\s*", re.DOTALL)
 
 
 def sumo_home() -> Path:
@@ -168,11 +171,6 @@ def _last_error(stderr: str) -> str:
     return " | ".join(errors[-2:]) if errors else "it said nothing"
 
 
-TIMEOUT_S = 300.0
-# netconvert writes a comment with the time and the temporary paths of the run: no data.
-_HEADER_COMMENT = re.compile(rb"<!-- generated on .*?-->\s*", re.DOTALL)
-
-
 def build_net(plain: PlainNet, out: Path) -> None:
     """Build a network; `out` ends in `.net.xml` or `.net.xml.gz`. InputError if netconvert refuses it."""
     with tempfile.TemporaryDirectory(prefix="tsbench-net-") as name:
@@ -242,4 +240,4 @@ def _connection(link: PlainConnection) -> etree._Element:
 
 def _crossing(crossing: PlainCrossing) -> etree._Element:
     edges = " ".join(crossing.edges)
-    return _element("crossing", node=crossing.node, edges=edges, priority=crossing.priority, width=crossing.width)
+    return _element("crossing", node=crossing.node, edges=edges, priority=True, width=crossing.width)

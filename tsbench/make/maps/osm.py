@@ -1,24 +1,49 @@
 """Reads OSM extracts: checks them, writes them as plain XML for netconvert, finds the traffic signals.
 
 pyosmium does the reading (XML, .gz, .bz2 and .pbf); what it objects to becomes one line with file and place.
+
+Not all objects of an extract count. Files hold objects that are no more: versions in a history, `visible="false"`,
+`action="delete"` of an editor. And Overpass writes ways before their nodes, which netconvert then drops without a word.
+Places may be no numbers of degrees, and roads may leap across the map.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+import zlib
+from array import array
+from collections.abc import Iterator
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import osmium
+from lxml import etree
 
 from tsbench.core.errors import InputError
-from tsbench.make.maps.names import check_file
-from tsbench.make.maps.osm_objects import FARTHEST_KM, contents_of, not_whole
-from tsbench.make.maps.road_tags import CAR_ROADS, ClosedRoads, SetAside, closed_by, for_cars, some
-from tsbench.make.maps.utm import Floats, UtmFrame
+from tsbench.make.maps.extracts import CHANGES, check_file, ending_of, occurs, opened_xml
+from tsbench.make.maps.plain import elements
+from tsbench.make.maps.road_tags import CAR_ROADS, ClosedRoads, SetAside, closed_by, for_cars, mirrored, some
+from tsbench.make.maps.utm import Floats, UtmFrame, zones_at
+
+_KINDS = ("node", "way", "relation")
+_ENTITIES = (osmium.osm.NODE, osmium.osm.WAY, osmium.osm.RELATION)
+# What only files of editors and of changes have; most files are not looked at any closer.
+_MARKS = re.compile(rb"""<osmChange[\s>]|\baction\s*=\s*["']delete["']""")
+_GEOMETRY = re.compile(rb"""<center\s|<nd\s[^<>]*\blat\s*=""")
+# What a plain file has within its objects.
+_PARTS = ("nd", "member", "tag")
+# No two neighbouring nodes of a road are so far apart.
+FARTHEST_KM = 50.0
+_KM_PER_DEGREE = 111.2
+_UNITS = 10_000_000  # of osmium's, in a degree
+_UNDEFINED = 2**31 - 1  # a node without a place
+_DEGREES = re.compile(r"-?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_MOST = {f"{which}{axis}": most for axis, most in (("lat", 90.0), ("lon", 180.0)) for which in ("", "min", "max")}
+Ints = npt.NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -106,50 +131,216 @@ def read_extract(path: Path, plain_xml: Path, in_mirror: bool = False) -> Extrac
     return ExtractFacts(nodes, ways, np.array(signals, float).reshape(-1, 2), road_ends, contents.places.zone, notes)
 
 
-_SWAPPED = {"left": "right", "right": "left"}
-# In keys: parking:left:orientation. In values: sharp_left, no_left_turn, right_of:1, through;slight_right.
-_WORD = re.compile(r"(?<![A-Za-z])(left|right)(?![A-Za-z])")
-# Values of these are names, addresses or remarks, in which left and right are words.
-_TEXT = re.compile(
-    r"(name|note|description|fixme|addr|ref|operator|website|source|wikipedia|wikidata|destination|comment|inscription)(:|$)"
-)
-# One value for each lane, from left to right: turn:lanes, change:lanes:forward.
-_LANES = re.compile(r"(^|:)lanes(:forward|:backward)?$")
-_COUNT = re.compile(r"\d+(\.\d+)?")
-# Which line of the way is drawn, counted in lanes: its image would need to know their number.
-_DROPPED = re.compile(r"^placement(:|$)")
+def osm_file(path: Path) -> Any:
+    """The file for pyosmium, which knows endings in small letters and plain OSM XML only."""
+    if has_geometry(path):
+        return osmium.io.FileBuffer(with_nodes(path), "osm")
+    kind, _, packed = ending_of(path.name).rpartition(".")
+    return osmium.io.File(str(path), f"osm.{packed}" if kind and packed in ("gz", "bz2") else packed)
 
 
-def mirrored(entity: Any, meridian: int, tags: Mapping[str, str] | None = None) -> Any:
-    """A node, way or relation of pyosmium in the mirror; meridian: degrees east; tags: instead of its own."""
-    tags = mirrored_tags(tags.items() if tags is not None else ((tag.k, tag.v) for tag in entity.tags))
-    if entity.is_node() and entity.location.valid():
-        # In whole units of 1e-7 degrees, so that nothing is lost.
-        place = entity.location
-        image = (2 * meridian * 10_000_000 - place.x) / 1e7
-        return entity.replace(location=(_turned(image), place.lat), tags=tags)
-    return entity.replace(tags=tags)
+@dataclass(frozen=True)
+class Contents:
+    """The objects of an extract in the order of the file, (n,): kind (0 node, 1 way, 2 relation), and does it count?
+
+    file: for pyosmium. places: of the nodes that count.
+    """
+
+    file: Any
+    kind: npt.NDArray[np.int8]
+    counts: npt.NDArray[np.bool_]
+    lines: tuple[str, ...]
+    places: Places
+
+    @property
+    def in_order(self) -> bool:
+        """Nodes before ways before relations, as netconvert reads them."""
+        return bool((np.diff(self.kind[self.counts]) >= 0).all())
+
+    @property
+    def as_they_are(self) -> bool:
+        return self.in_order and bool(self.counts.all())
+
+    def objects(self) -> Iterator[Any]:
+        """Those that count, nodes first, then ways, then relations; else in the order of the file."""
+        if self.in_order:
+            yield from self._those(osmium.osm.NODE | osmium.osm.WAY | osmium.osm.RELATION, self.counts)
+        else:
+            for kind, entity in enumerate(_ENTITIES):
+                yield from self._those(entity, self.counts[self.kind == kind])
+
+    def _those(self, entity: Any, counts: npt.NDArray[np.bool_]) -> Iterator[Any]:
+        found = osmium.FileProcessor(self.file, entity)
+        for one, counting in zip(found, counts.tolist(), strict=True):
+            if counting:
+                yield one
 
 
-def mirrored_tags(tags: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """Tags of the image."""
-    return {_words(key): _value(key, value) for key, value in tags if not _DROPPED.match(key)}
+def contents_of(path: Path) -> Contents:
+    """Look an extract through. Raises InputError: no whole OSM file, a file of changes, an impossible place."""
+    kinds, ids, versions, there = array("b"), array("q"), array("q"), array("b")
+    x, y = array("i"), array("i")
+    try:
+        file = osm_file(path)
+        for one in osmium.FileProcessor(file, osmium.osm.NODE | osmium.osm.WAY | osmium.osm.RELATION):
+            kinds.append(0 if one.is_node() else 1 if one.is_way() else 2)
+            ids.append(one.id)
+            versions.append(one.version)
+            there.append(one.visible)
+            if one.is_node():
+                x.append(one.location.x)
+                y.append(one.location.y)
+        marked = _marked_deleted(path)
+    except osmium.InvalidLocationError as broken:
+        check_places(path)
+        raise InputError(f"{path}: a place is no number of degrees ({broken})") from broken
+    except (RuntimeError, ValueError, OSError, EOFError, zlib.error, etree.XMLSyntaxError) as broken:
+        nodes, ways = kinds.count(0), kinds.count(1)
+        raise not_whole(path, broken, nodes, ways) from broken
+    kind, number, version = (np.array(one, np.int64) for one in (kinds, ids, versions))
+    visible = np.array(there, np.bool_)
+    visible[marked] = False
+    # The last of each group is its newest: of one version the one that stands later in the file.
+    order = np.lexsort((np.arange(len(kind)), version, number, kind))
+    same = (np.diff(kind[order]) == 0) & (np.diff(number[order]) == 0)
+    newest = np.zeros(len(kind), np.bool_)
+    newest[order[np.append(~same, True)] if len(order) else order] = True
+    gone = np.flatnonzero(newest & ~visible)
+    lines = []
+    if len(gone):
+        named = [f"{_KINDS[kind[row]]} {number[row]}" for row in gone.tolist()]
+        lines.append(f"left out what is deleted: {some(named)}")
+    if not newest.all():
+        lines.append(f"of objects that stand there more than once the newest counts: {(~newest).sum():,} left out")
+    counts = newest & visible
+    of_nodes = np.flatnonzero(kind == 0)
+    lon, lat = (np.array(one, np.int64) for one in (x, y))
+    check_numbers(path, lon, lat)
+    nowhere = of_nodes[(lon == 0) & (lat == 0) & counts[of_nodes]]
+    if len(nowhere):
+        lost = some([f"node {node}" for node in number[nowhere].tolist()])
+        lines.append(f"left out what lies at 0, 0 degrees, where no road is: {lost}")
+        counts[nowhere] = False
+    counting = counts[of_nodes]
+    places = places_of(number[of_nodes][counting], lon[counting], lat[counting])
+    return Contents(file, kind.astype(np.int8), counts, tuple(lines), places)
 
 
-def _value(key: str, value: str) -> str:
-    if _LANES.search(key) and not _COUNT.fullmatch(value):
-        value = "|".join(reversed(value.split("|")))
-        if _TEXT.match(key):
-            return value
-    elif _TEXT.match(key):
-        return value
-    return _words(value)
+def not_whole(path: Path, broken: Exception, nodes: int, ways: int) -> InputError:
+    """The line for a file that ends early or is something else."""
+    said = " ".join(str(broken).split())
+    return InputError(f"{path}: not a whole OSM file ({said}; after {nodes} nodes and {ways} ways)")
 
 
-def _words(text: str) -> str:
-    return _WORD.sub(lambda found: _SWAPPED[found[0]], text.replace("_", "\0")).replace("\0", "_")
+def _marked_deleted(path: Path) -> list[int]:
+    """Numbers, in the file, of the objects that an editor marked as deleted: pyosmium does not read the mark."""
+    if ending_of(path.name).endswith("pbf") or not occurs(_MARKS, path):
+        return []
+    marked, count, depth = [], 0, 0
+    with opened_xml(path) as stream:
+        for event, element in etree.iterparse(
+            stream, events=("start", "end"), resolve_entities=False, no_network=True, huge_tree=True
+        ):
+            if event == "start":
+                if depth == 0 and element.tag == "osmChange":
+                    raise InputError(f"{path}: {CHANGES}")
+                if depth == 1 and element.tag in _KINDS:
+                    if element.get("action") == "delete":
+                        marked.append(count)
+                    count += 1
+                depth += 1
+            else:
+                depth -= 1
+                if depth == 1:
+                    element.clear()
+                    while element.getprevious() is not None:
+                        del element.getparent()[0]
+    return marked
 
 
-def _turned(longitude: float) -> float:
-    """Between -180 and 180 degrees."""
-    return longitude - 360.0 if longitude > 180.0 else longitude + 360.0 if longitude < -180.0 else longitude
+def has_geometry(path: Path) -> bool:
+    """Does an extract repeat places in this way?"""
+    return not ending_of(path.name).endswith("pbf") and occurs(_GEOMETRY, path)
+
+
+def with_nodes(path: Path) -> bytes:
+    """Its XML as `out body` writes it, then the nodes that stand in its ways only."""
+    nodes: set[str | None] = set()
+    places: dict[str, etree._Element] = {}
+    made = BytesIO()
+    with opened_xml(path) as stream, etree.xmlfile(made, encoding="UTF-8") as file, file.element("osm", version="0.6"):
+        for element in elements(stream, ("node", "way", "relation")):
+            if element.tag == "node":
+                nodes.add(element.get("id"))
+            for part in list(element):
+                if part.tag not in _PARTS:
+                    element.remove(part)
+                    continue
+                del part[:]
+                name, lat, lon = (part.get(key) for key in ("ref", "lat", "lon"))
+                if part.tag == "nd" and name and lat is not None and lon is not None:
+                    places.setdefault(name, etree.Element("node", id=name, lat=lat, lon=lon))
+            file.write(element, with_tail=False)
+        for name, node in places.items():
+            if name not in nodes:
+                file.write(node)
+    return made.getvalue()
+
+
+@dataclass(frozen=True)
+class Places:
+    """Nodes that have a place, sorted by id, (n,): id, and place in 1e-7 degrees."""
+
+    ids: Ints
+    lon: Ints
+    lat: Ints
+
+    @property
+    def zone(self) -> int:
+        """The zone of UTM in which most of them lie; 0 where there are none."""
+        return int(np.bincount(zones_at(self.lon / _UNITS)).argmax()) if len(self.ids) else 0
+
+    def leaps(self, nodes: list[int]) -> bool:
+        """Are two neighbouring nodes of a way more than FARTHEST_KM apart? Nodes without a place do not count."""
+        if not len(self.ids):
+            return False
+        wanted = np.array(nodes, np.int64)
+        rows = np.searchsorted(self.ids, wanted).clip(max=len(self.ids) - 1)
+        rows = rows[self.ids[rows] == wanted]
+        lat, lon = self.lat[rows] / _UNITS, self.lon[rows] / _UNITS
+        east = (np.diff(lon) + 180.0) % 360.0 - 180.0
+        steps = np.hypot(np.diff(lat), east * np.cos(np.radians(lat[:-1])))
+        return bool((steps * _KM_PER_DEGREE > FARTHEST_KM).any())
+
+
+def places_of(ids: Ints, lon: Ints, lat: Ints) -> Places:
+    """Those of nodes, (n,), in 1e-7 degrees, some perhaps without a place."""
+    there = np.flatnonzero(lon != _UNDEFINED)
+    order = there[np.argsort(ids[there], kind="stable")]
+    return Places(ids[order], lon[order], lat[order])
+
+
+def check_numbers(path: Path, lon: Ints, lat: Ints) -> None:
+    """Raises InputError for a place, (n,) in 1e-7 degrees, that is not on Earth or was misread."""
+    beyond = (lon != _UNDEFINED) & ((np.abs(lon) > 180 * _UNITS) | (np.abs(lat) > 90 * _UNITS))
+    if beyond.any() or (lon == 0).any() or (lat == 0).any():
+        check_places(path)
+    if beyond.any():
+        raise InputError(f"{path}: {beyond.sum():,} nodes lie beyond 90 degrees of latitude or 180 of longitude")
+
+
+def check_places(path: Path) -> None:
+    """Raises InputError for the first place in XML that is no number of degrees: osmium reads 1e400 as 0."""
+    if ending_of(path.name).endswith("pbf"):
+        return
+    with opened_xml(path) as stream:
+        for element in elements(stream, None):
+            for key, most in _MOST.items():
+                value = element.get(key)
+                if value is None or (_DEGREES.fullmatch(value) and abs(float(value)) <= most):
+                    continue
+                which = " ".join(filter(None, (str(element.tag), element.get("id") or element.get("ref"))))
+                raise InputError(
+                    f"{path}: {which}: {key}={value!r:.40} is no number of degrees from -{most:g} to {most:g}: "
+                    "write it with a point, such as 55.75"
+                )

@@ -20,6 +20,7 @@ from tsbench.make.maps.utm import Floats
 from tsbench.scenarios.map_pool import PoolRow, map_id
 
 SAME_END_M = 0.5
+HEADING_SPAN_M = 15.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,9 +167,6 @@ def make_row(
         road_class=source.road_class[first],
         detail=json.dumps(detail, separators=(",", ":")),
     )
-
-
-HEADING_SPAN_M = 15.0
 
 
 def stations(line: Floats) -> Floats:

@@ -19,10 +19,13 @@ from typing import IO
 from lxml import etree
 
 from tsbench.geometry.polyline import Polyline
-from tsbench.make.maps.names import opened_xml
+from tsbench.make.maps.extracts import opened_xml
 from tsbench.make.maps.road_tags import WIDTH_RANGE_M
 
 Point = tuple[float, float]
+DEFAULT_WIDTH_M = 3.25
+# The OSM nodes that an id of a junction is made of; an id of an editor's own is below zero.
+_NUMBERS = re.compile(r"-?\d+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,13 +44,11 @@ class PlainNode:
 
 @dataclass(frozen=True, slots=True)
 class PlainLane:
-    """What differs on one lane (index 0: rightmost). `allow`/`disallow`: SUMO vClass lists, "" = default."""
+    """What differs on one lane (index 0: rightmost). `allow`: SUMO vClass list, "" = default."""
 
     index: int
     width: float | None = None
-    speed: float | None = None
     allow: str = ""
-    disallow: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +88,6 @@ class PlainCrossing:
     node: str
     edges: tuple[str, ...]
     width: float = 4.0
-    priority: bool = True
 
 
 @dataclass(frozen=True)
@@ -125,11 +125,6 @@ def split_edge(plain: PlainNet, edge_id: str, cuts: Sequence[float]) -> tuple[Pl
     connections = [c for c in plain.connections if edge_id not in (c.source, c.target)]
     net = replace(plain, nodes=(*plain.nodes, *nodes), edges=tuple(edges), connections=(*connections, *links))
     return net, tuple(p.id for p in parts)
-
-
-DEFAULT_WIDTH_M = 3.25
-# The OSM nodes that an id of a junction is made of; an id of an editor's own is below zero.
-_NUMBERS = re.compile(r"-?\d+")
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,11 +1,15 @@
-"""Tags of roads: which of OpenStreetMap's are slips of the pen, or not used, and which ways are open to cars."""
+"""Tags of roads: which of OpenStreetMap's are slips of the pen, or not used, and which ways are open to cars.
+
+Of an extract in a mirror, the tags say right where they said left.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 # Hardly any road has a higher limit; without a limit netconvert takes 142 km/h.
 FASTEST_KMH = 150.0
@@ -48,6 +52,34 @@ _UNITS = {
     "cm": 0.01,
     "in": 0.0254,
 }
+CAR_ROADS = frozenset(
+    f"{road}{link}" for road in ("motorway", "trunk", "primary", "secondary", "tertiary") for link in ("", "_link")
+) | {"unclassified", "residential", "living_street", "road"}
+# The most specific one that a way has decides, as for the routers OSRM and openrouteservice.
+ACCESS_KEYS = ("motorcar", "motor_vehicle", "vehicle", "access")
+# Values that do not let in every driver of a car.
+CLOSED_VALUES = frozenset(
+    (
+        "no", "private", "permit", "residents", "restricted", "delivery", "forestry", "agricultural", "military",
+        "emergency", "bus", "psv", "hgv",
+    )
+)  # fmt: skip
+# A road that is no more, or not yet; `construction=minor` are works beside traffic.
+_LIFECYCLE = ("abandoned", "disused", "razed", "demolished", "removed", "construction", "proposed", "planned")
+_STANDS = frozenset(("no", "minor"))
+_DIRECTIONS = ("forward", "backward")
+_SWAPPED = {"left": "right", "right": "left"}
+# In keys: parking:left:orientation. In values: sharp_left, no_left_turn, right_of:1, through;slight_right.
+_WORD = re.compile(r"(?<![A-Za-z])(left|right)(?![A-Za-z])")
+# Values of these are names, addresses or remarks, in which left and right are words.
+_TEXT = re.compile(
+    r"(name|note|description|fixme|addr|ref|operator|website|source|wikipedia|wikidata|destination|comment|inscription)(:|$)"
+)
+# One value for each lane, from left to right: turn:lanes, change:lanes:forward.
+_PER_LANE = re.compile(r"(^|:)lanes(:forward|:backward)?$")
+_COUNT = re.compile(r"\d+(\.\d+)?")
+# Which line of the way is drawn, counted in lanes: its image would need to know their number.
+_DROPPED = re.compile(r"^placement(:|$)")
 
 
 def is_plausible(key: str, value: str) -> bool:
@@ -107,24 +139,6 @@ def some(names: list[str], shown: int = 5) -> str:
     """The first of them, and how many more."""
     more = len(names) - shown
     return ", ".join(names[:shown]) + (f" and {more:,} more" if more > 0 else "")
-
-
-CAR_ROADS = frozenset(
-    f"{road}{link}" for road in ("motorway", "trunk", "primary", "secondary", "tertiary") for link in ("", "_link")
-) | {"unclassified", "residential", "living_street", "road"}
-# The most specific one that a way has decides, as for the routers OSRM and openrouteservice.
-ACCESS_KEYS = ("motorcar", "motor_vehicle", "vehicle", "access")
-# Values that do not let in every driver of a car.
-CLOSED_VALUES = frozenset(
-    (
-        "no", "private", "permit", "residents", "restricted", "delivery", "forestry", "agricultural", "military",
-        "emergency", "bus", "psv", "hgv",
-    )
-)  # fmt: skip
-# A road that is no more, or not yet; `construction=minor` are works beside traffic.
-_LIFECYCLE = ("abandoned", "disused", "razed", "demolished", "removed", "construction", "proposed", "planned")
-_STANDS = frozenset(("no", "minor"))
-_DIRECTIONS = ("forward", "backward")
 
 
 def closed_by(tags: Mapping[str, str]) -> str | None:
@@ -197,3 +211,38 @@ class ClosedRoads:
         return [
             f"ways left out, closed to cars: {self.count:,} ({self.reasons}): {some([f'way {way}' for way in ways])}"
         ]
+
+
+def mirrored(entity: Any, meridian: int, tags: Mapping[str, str] | None = None) -> Any:
+    """A node, way or relation of pyosmium in the mirror; meridian: degrees east; tags: instead of its own."""
+    tags = mirrored_tags(tags.items() if tags is not None else ((tag.k, tag.v) for tag in entity.tags))
+    if entity.is_node() and entity.location.valid():
+        # In whole units of 1e-7 degrees, so that nothing is lost.
+        place = entity.location
+        image = (2 * meridian * 10_000_000 - place.x) / 1e7
+        return entity.replace(location=(_turned(image), place.lat), tags=tags)
+    return entity.replace(tags=tags)
+
+
+def mirrored_tags(tags: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """Tags of the image."""
+    return {_words(key): _value(key, value) for key, value in tags if not _DROPPED.match(key)}
+
+
+def _value(key: str, value: str) -> str:
+    if _PER_LANE.search(key) and not _COUNT.fullmatch(value):
+        value = "|".join(reversed(value.split("|")))
+        if _TEXT.match(key):
+            return value
+    elif _TEXT.match(key):
+        return value
+    return _words(value)
+
+
+def _words(text: str) -> str:
+    return _WORD.sub(lambda found: _SWAPPED[found[0]], text.replace("_", "\0")).replace("\0", "_")
+
+
+def _turned(longitude: float) -> float:
+    """Between -180 and 180 degrees."""
+    return longitude - 360.0 if longitude > 180.0 else longitude + 360.0 if longitude < -180.0 else longitude

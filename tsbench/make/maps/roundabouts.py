@@ -35,6 +35,9 @@ ROUNDNESS_MIN = 0.7
 COARSE_CORNERS_MIN = 5
 COARSE_CORNER_MAX_DEG = 88.0
 COARSE_ROUNDNESS_MIN = 0.8
+# Outer ends this near to each other belong to one road: carriageways of a dual one lie 10-25 m apart.
+SAME_ARM_M = 30.0
+_SLIVER_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,11 +201,6 @@ def _row(source: SourceNetwork, ring: _Ring, entry: int, leave: int, rank: int) 
             "rank": rank,
         },
     )
-
-
-# Outer ends this near to each other belong to one road: carriageways of a dual one lie 10-25 m apart.
-SAME_ARM_M = 30.0
-_SLIVER_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing, sha256_of
 from tsbench.make.city import build_dir, chosen_city, find_extract, netconvert_file, types_file
-from tsbench.make.maps.names import extract_name
+from tsbench.make.maps.extracts import extract_name
 from tsbench.make.maps.netconvert import convert_to_plain
 from tsbench.make.maps.plain import (
     ParsedEdge,
@@ -32,6 +32,10 @@ from tsbench.make.maps.utm import WIDEST_M, Floats, UtmFrame, frame_of
 
 SCHEMA = 6
 Ints = npt.NDArray[np.int64]
+_END_COLUMNS = ("tail", "head")
+_NUMBER_COLUMNS = ("lanes", "priority", "speed", "width", "centred")
+_EDGE_COLUMNS = (*_END_COLUMNS, *_NUMBER_COLUMNS)
+_TEXT_COLUMNS = ("road_class", "street")
 
 
 @dataclass(frozen=True)
@@ -176,12 +180,6 @@ def _with_its_class_speed(edge: ParsedEdge) -> ParsedEdge:
         return edge
     usual = class_speeds(types_file()).get(f"highway.{edge.road_class}", FASTEST_MPS)
     return replace(edge, speed=usual)
-
-
-_END_COLUMNS = ("tail", "head")
-_NUMBER_COLUMNS = ("lanes", "priority", "speed", "width", "centred")
-_EDGE_COLUMNS = (*_END_COLUMNS, *_NUMBER_COLUMNS)
-_TEXT_COLUMNS = ("road_class", "street")
 
 
 def _write(source: SourceNetwork, path: Path) -> None:

@@ -14,6 +14,8 @@ from tsbench.scenarios.map_pool import FAMILIES, SLOTS, PoolRow
 # drawn in this order: the many first
 COLOURS = {"corridor": "#8c959f", "junction": "#1f6feb", "dual_path": "#2da44e", "roundabout": "#d1242f"}
 ATTRIBUTION = "© OpenStreetMap contributors, ODbL 1.0"
+_LENGTHS = ("150-174 m", "175-199 m", "200-224 m", "225-250 m")
+_CURVES = ("0.970-0.979", "0.980-0.989", "0.990-0.999", "1.000")
 
 
 @dataclass(frozen=True)
@@ -45,10 +47,6 @@ def count_tables(pool: Sequence[PoolRow]) -> list[CountTable]:
         _table("Corridor length", corridors, lambda row: row.shape, list(_LENGTHS), _length_bin),
         _table("Corridor chord over arc", corridors, lambda row: row.shape, list(_CURVES), _curve_bin),
     ]
-
-
-_LENGTHS = ("150-174 m", "175-199 m", "200-224 m", "225-250 m")
-_CURVES = ("0.970-0.979", "0.980-0.989", "0.990-0.999", "1.000")
 
 
 def _kind(row: PoolRow) -> str:

@@ -41,6 +41,8 @@ from tsbench.sim.world import EGO_LENGTH_M
 
 # The front of a car that stands behind an obstacle is at least so far past its end.
 _LONGEST_CAR_M = max(length for length, _ in BODIES.values())
+# From layout to layout, so that they differ in approach, exit and closed exit; prime to the usual numbers of ways.
+_STRIDE = 7
 
 
 class DetourPlacement(ScenePlacement):
@@ -131,10 +133,6 @@ def _plate(
         id=f"sign_{number}", code=code, value=None, edge=lane.edge, lane=lane.order, position_m=s, x=x, y=y,
         heading=lane.line.heading_at(s), role=role, params=params,
     )  # fmt: skip
-
-
-# From layout to layout, so that they differ in approach, exit and closed exit; prime to the usual numbers of ways.
-_STRIDE = 7
 
 
 @dataclass(frozen=True)

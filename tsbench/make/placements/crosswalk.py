@@ -26,8 +26,8 @@ from tsbench.make.placements.placement import (
     require,
 )
 from tsbench.make.placements.speed_zone import KMH, can_post
-from tsbench.make.scenes.elements import walker_elements
 from tsbench.make.scenes.recipe import INITIAL_SPEEDS_MPS, Recipe
+from tsbench.make.scenes.traffic import walker_elements
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import Lane
 from tsbench.roads.road_map import Crossing
@@ -38,6 +38,11 @@ from tsbench.signs.plate_params import CrosswalkParams, ZoneParams
 from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.scene import EgoStart, WalkersPlan
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
+
+SIDES = ("right", "left")
+_PATH_SPEED_MPS = 2.78
+_BEND_WINDOW_M = 6
+_BEND_AFTER_M = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -225,12 +230,6 @@ def _elements(task: SceneTask, walkers: list[_Walker], crossing: Crossing, wait:
             f"walker_{k}", size, w.speed, way, (reach - w.from_kerb, float(tracks[k % len(tracks)])), wait
         )
     return tuple(elements)
-
-
-SIDES = ("right", "left")
-_PATH_SPEED_MPS = 2.78
-_BEND_WINDOW_M = 6
-_BEND_AFTER_M = 20.0
 
 
 def path_name(edge: str, side: str, number: int = 0) -> str:

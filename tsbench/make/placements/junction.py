@@ -39,8 +39,8 @@ from tsbench.make.placements.placement import (
     start_speed,
 )
 from tsbench.make.placements.posts import in_sight
-from tsbench.make.scenes.elements import waiting_elements
 from tsbench.make.scenes.recipe import Recipe
+from tsbench.make.scenes.traffic import waiting_elements
 from tsbench.make.seeds import rng_of
 from tsbench.roads.lane_graph import Destination, Turn
 from tsbench.roads.network import Connection, RoadNetwork

@@ -28,6 +28,11 @@ from tsbench.sim.world import EGO_WIDTH_M
 _CLASSES = ("primary", "secondary", "tertiary", "unclassified", "residential", "living_street", "service")
 
 Arm = dict[str, Any]
+_ONTO_EXIT_M = 15.0
+_LENGTH_M = 4.5
+_FIRST_ENTRY_S = 1.0
+# Least and most share of what the class of a convoy's road allows.
+SHARES = "convoy_least_share", "convoy_most_share"
 
 
 @dataclass(frozen=True)
@@ -148,13 +153,6 @@ def _rank(arm: Arm) -> tuple[int, int]:
 
 def _edges(arms: list[Arm] | tuple[Arm, ...]) -> frozenset[str]:
     return frozenset(a[k] for a in arms for k in ("in_edge", "out_edge") if a[k])
-
-
-_ONTO_EXIT_M = 15.0
-_LENGTH_M = 4.5
-_FIRST_ENTRY_S = 1.0
-# Least and most share of what the class of a convoy's road allows.
-SHARES = "convoy_least_share", "convoy_most_share"
 
 
 @dataclass(frozen=True)

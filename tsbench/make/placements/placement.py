@@ -25,6 +25,12 @@ from tsbench.sim.scene import EgoStart, Obstacle, WalkersPlan
 from tsbench.sim.world import EGO_LENGTH_M
 
 PLATE_BESIDE_M = 1.2
+# Room between the end of a lane and a body that stands on it.
+_END_ROOM_M = 1.0
+# On a shorter way from its stand the lead could not be timed.
+_LEAST_WAY_M = 5.0
+# IDM drives off at about this share of its largest acceleration.
+_START_SHARE = 0.8
 
 
 class UnfitMapError(Exception):
@@ -217,14 +223,6 @@ def require(condition: bool, reason: str) -> None:
     """Raise UnfitMapError with the reason unless the condition holds."""
     if not condition:
         raise UnfitMapError(reason)
-
-
-# Room between the end of a lane and a body that stands on it.
-_END_ROOM_M = 1.0
-# On a shorter way from its stand the lead could not be timed.
-_LEAST_WAY_M = 5.0
-# IDM drives off at about this share of its largest acceleration.
-_START_SHARE = 0.8
 
 
 def lane_users(

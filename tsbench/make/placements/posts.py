@@ -26,8 +26,7 @@ from tsbench.make.placements.placement import (
 )
 from tsbench.make.scenes.placed_plates import CLOSING, PlacedPlates, broken_plates
 from tsbench.make.scenes.plate_places import refused
-from tsbench.make.scenes.plate_roads import PlateRoads
-from tsbench.make.scenes.traffic import Sent, shut_roads
+from tsbench.make.scenes.plate_roads import PlateRoads, Sent, shut_roads
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.places import load_places
 from tsbench.sim.scene import EgoStart
@@ -39,6 +38,11 @@ _APART_M = 8.0
 _OFF_M = 0.5
 # Places that are tried on each edge.
 TRIES = 16
+# Rules of plates that are no distractors: traffic is slower than 4.6 asks, and no lane is painted for 5.14.x.
+_NEVER = ("min_speed", "reserved_lane")
+_Plate = tuple[str, float | None]
+_Swap = tuple[_Plate, _Plate]
+_Held = tuple[SignInstance, _Plate, _Plate]
 
 
 def place_along(code: str, length: float, task: SceneTask) -> float:
@@ -151,10 +155,6 @@ def beside_ways(task: SceneTask, arrangement: Arrangement) -> Iterator[str]:
             yield name
 
 
-# Rules of plates that are no distractors: traffic is slower than 4.6 asks, and no lane is painted for 5.14.x.
-_NEVER = ("min_speed", "reserved_lane")
-
-
 def distractors(task: SceneTask, arrangement: Arrangement, halves: Sequence[PlacedPlates]) -> tuple[SignInstance, ...]:
     """As many as the variant asks for and the map has places for, of codes that are not the scene's.
 
@@ -208,11 +208,6 @@ def _bearings(post: SignInstance, code: str, task: SceneTask) -> list[SignInstan
         return [replace(post, code=code, value=None)]
     order = task.rng.permutation(len(value.allowed)).tolist()
     return [replace(post, code=code, value=float(value.allowed[k])) for k in order]
-
-
-_Plate = tuple[str, float | None]
-_Swap = tuple[_Plate, _Plate]
-_Held = tuple[SignInstance, _Plate, _Plate]
 
 
 def with_same_plates(

@@ -29,8 +29,8 @@ from tsbench.make.placements.placement import (
     user_driver,
     usual_limit,
 )
-from tsbench.make.scenes.elements import moving_vehicle
 from tsbench.make.scenes.recipe import Recipe
+from tsbench.make.scenes.traffic import moving_vehicle
 from tsbench.make.seeds import seed_of
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import DEFAULT_LANE_WIDTH_M, Lane, RoadNetwork
@@ -40,6 +40,8 @@ from tsbench.signs.contrast import ContrastClause, WayParams
 from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
+
+_CONTRA = ".contra"
 
 
 class ReservedLanePlacement(ScenePlacement):
@@ -194,9 +196,6 @@ class ContraflowPlacement(ScenePlacement):
             convoy=lane_users(task, self.users, contra, (reserved, onward), lane, start, across),
             blocked=keep_clear(passenger_lanes(network, approach)[-1:], start),
         )
-
-
-_CONTRA = ".contra"
 
 
 def contra_id(edge: str) -> str:

@@ -39,6 +39,8 @@ from tsbench.sim.world import EGO_LENGTH_M
 
 _STILL_ROOM_M = 0.5
 _BEND_M = 5.0
+_ROOM_M = 0.5
+_FASTER_MPS = 0.5
 
 
 class RoundaboutPlacement(ScenePlacement):
@@ -168,10 +170,6 @@ def _met(network: RoadNetwork, ego: Connection, upstream: str) -> list[Conflict]
     return sorted(found, key=lambda c: (c.priority.to_lane != ego.to_lane, c.priority.from_lane))
 
 
-_ROOM_M = 0.5
-_FASTER_MPS = 0.5
-
-
 @dataclass(frozen=True)
 class _Stretch:
     """A lane upstream of the entry and how far its end is from the ego's junction."""
@@ -215,7 +213,10 @@ def ring_convoy(task: SceneTask, met: Sequence[Conflict], start: EgoStart, to_li
     count = int(rng.integers(1, int(recipe.number("convoy_most")) + 1))
     stands = _stands(task, chosen, body, wanted, count)
     lead = stands[0]
-    body = _in_time(body, lead.back + chosen.zone.b_in, time, recipe.number("convoy_most_mps"))
+    # Faster where it has farther to go than it would come in that time.
+    way, most = lead.back + chosen.zone.b_in, recipe.number("convoy_most_mps")
+    while body.speed < most and way_from_standstill(body, time) < way:
+        body = replace(body, speed=min(body.speed + _FASTER_MPS, most))
     return ConvoySetup(
         drivers=(body,) * len(stands),
         places=tuple(s.place for s in stands),
@@ -228,13 +229,6 @@ def ring_convoy(task: SceneTask, met: Sequence[Conflict], start: EgoStart, to_li
         ego_turn_mps=turn,
         lanes=tuple(s.lane.id for s in stands),
     )
-
-
-def _in_time(body: Driver, way: float, time: float, most: float) -> Driver:
-    """The driver, faster (up to `most`) where it has farther to go than it would come in that time."""
-    while body.speed < most and way_from_standstill(body, time) < way:
-        body = replace(body, speed=min(body.speed + _FASTER_MPS, most))
-    return body
 
 
 def _stands(task: SceneTask, chosen: Conflict, body: Driver, wanted: float, count: int) -> list[_Stand]:

@@ -23,7 +23,6 @@ from tsbench.make.placements.placement import (
     require,
 )
 from tsbench.make.scenes.recipe import INITIAL_SPEEDS_MPS, Recipe
-from tsbench.make.scenes.traffic import Driver
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
@@ -38,17 +37,6 @@ from tsbench.sim.world import EGO_LENGTH_M
 KMH = 1.0 / 3.6
 # From a plate of the other direction to the ends of its edge.
 _ROOM_M = 2.0
-
-
-def _needed_kmh(catalog: Catalog, limit: float) -> float:
-    """The speed that traffic and bends have to allow, km/h: who keeps to `limit` is needlessly slow there."""
-    tolerated = limit + catalog.rule("speed").thresholds["tolerance_kmh"]
-    return tolerated / catalog.needless.thresholds["slow_speed_ratio"]
-
-
-def _no_faster(drivers: Sequence[Driver], most_kmh: float) -> tuple[Driver, ...]:
-    """Drivers who keep to a limit, the same in both halves."""
-    return tuple(replace(d, speed=min(d.speed, most_kmh * KMH)) for d in drivers)
 
 
 def can_post(recipe: Recipe, row: PoolRow, code: str, value: float) -> bool:
@@ -114,7 +102,10 @@ class SpeedZonePlacement(ScenePlacement):
             if v <= most and can_post(recipe, row, self.code, v) and self._others(row, recipe, v)
         ]
         require(bool(limits), f"no pair of limits for a {row.road_class} road of {road:.0f} km/h")
-        require(_needed_kmh(recipe.catalog, max(limits)) <= bend, f"the zone has a bend for {bend:.0f} km/h")
+        # An ego at a limit is needlessly slow in the other half only where the road allows so much more.
+        tolerated = max(limits) + recipe.catalog.rule("speed").thresholds["tolerance_kmh"]
+        needed = tolerated / recipe.catalog.needless.thresholds["slow_speed_ratio"]
+        require(needed <= bend, f"the zone has a bend for {bend:.0f} km/h")
         limit = float(limits[variant.value % len(limits)])
         v = limit * KMH
         lanes = passenger_lanes(network, first)
@@ -139,7 +130,7 @@ class SpeedZonePlacement(ScenePlacement):
             destination=Destination(way[-1], end_s),
             route_hint=(first, *way),
             route_length=driven,
-            drivers=_no_faster(task.drivers, limit),
+            drivers=tuple(replace(d, speed=min(d.speed, v)) for d in task.drivers),
             closed_edges=frozenset(edges),
         )
 

@@ -48,6 +48,9 @@ CERTIFIER = "tsbench.make.certify.certifier:Certifier"
 AHEAD = 12
 
 Progress = Callable[[str, int, int], None]
+# What makes scenes; it imports every placement, though a type uses one. A build writes certificates.
+_MAKER = "tsbench.make.scenes.map_scenarios"
+_LEFT_OUT = ("tsbench/make/placements/by_name.py", "tsbench/scenarios/certificates.py: scenarios/certificates.parquet")
 
 
 @dataclass(frozen=True)
@@ -108,11 +111,6 @@ def _scenarios_of(data: dict[str, Any]) -> MapScenarios:
     rows = tuple(ScenarioSpec(**row) for row in data["rows"])
     certificates = tuple(Certificate(**c) for c in data["certificates"])
     return MapScenarios(data["map_id"], rows, certificates, data["reason"], tuple(data["rejected"]))
-
-
-# What makes scenes; it imports every placement, though a type uses one. A build writes certificates.
-_MAKER = "tsbench.make.scenes.map_scenarios"
-_LEFT_OUT = ("tsbench/make/placements/by_name.py", "tsbench/scenarios/certificates.py: scenarios/certificates.parquet")
 
 
 @cache

@@ -22,6 +22,13 @@ from tsbench.signs.places import PlaceTable, load_places
 from tsbench.sim.scene import Obstacle, Scene
 from tsbench.sim.scene_file import EGO_ID, read_additional
 
+CLOSED = "3.2"
+CLOSING = ("3.1", CLOSED)
+ONE_WAY = ("5.7.1", "5.7.2")
+_KMH = 3.6
+# An end so near to the start of an edge leaves none of it in the zone.
+_AT_START_M = 1.0
+
 
 @dataclass(frozen=True, slots=True)
 class RoutedVehicle:
@@ -63,11 +70,6 @@ def routed_vehicles(
         vclass, speed = kind.get("vClass", "passenger"), float(kind.get("maxSpeed", "inf"))
         found.append(RoutedVehicle(id=name, vclass=vclass, edges=edges, first_s=first, speed=speed))
     return tuple(found)
-
-
-CLOSED = "3.2"
-CLOSING = ("3.1", CLOSED)
-ONE_WAY = ("5.7.1", "5.7.2")
 
 
 @dataclass(frozen=True)
@@ -171,11 +173,6 @@ class PlateHere:
     def farthest(self) -> float:
         """How far before its line, crossing or obstacle the sign may stand."""
         return self.sign.placement.distance_m[1] + self.scene.table.distances.slack_m
-
-
-_KMH = 3.6
-# An end so near to the start of an edge leaves none of it in the zone.
-_AT_START_M = 1.0
 
 
 def broken_plates(scene: PlacedPlates, vehicle: RoutedVehicle) -> tuple[tuple[SignInstance, str], ...]:

@@ -8,12 +8,13 @@ from types import MappingProxyType
 
 from tsbench.geometry.elementary import STRAIGHT, TURNS, U_TURN
 from tsbench.make.scenes.placed_plates import CLOSED, ONE_WAY, PlacedPlates, PlateHere
-from tsbench.make.scenes.scene_lint import PLATE_SIDE_M
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.reserved_lanes import is_reserved
 from tsbench.signs.annotations import TARGET, SignInstance
 from tsbench.signs.places import Place
 
+# How far beside its road's edge a plate can stand.
+PLATE_SIDE_M = (0.3, 3.0)
 # Of the plates of both directions at one place: cosine of the least angle between them, and the widest road.
 _AGAINST, _ACROSS_M = -0.8, 60.0
 _FORBIDS_TURNS, _ORDERS_TURNS = "3.18.", "4.1."

@@ -6,7 +6,8 @@ An edge is no road: where two roads meet without a third, or a scene has cut an 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise
@@ -14,7 +15,7 @@ from operator import attrgetter
 
 from tsbench.geometry.elementary import LEFT, RIGHT, STRAIGHT, U_TURN, turn_class, wrap
 from tsbench.geometry.polyline import Polyline
-from tsbench.roads.lane_graph import LaneGraph, heading_change
+from tsbench.roads.lane_graph import LaneGraph, Turn, heading_change
 from tsbench.roads.network import Edge
 from tsbench.signs.places import Distances, load_places
 
@@ -253,3 +254,31 @@ def _places(length: float) -> list[float]:
     first, last = min(1.0, length), max(length - 1.0, 0.0)
     steps = max(int((last - first) / 2.0), 1)
     return [first + (last - first) * k / steps for k in range(steps + 1)]
+
+
+@dataclass(frozen=True)
+class Sent:
+    """Where other traffic is not sent, and which roads it does not use."""
+
+    avoid_turns: frozenset[Turn]
+    closed_edges: frozenset[str]
+
+
+def shut_roads(roads: PlateRoads, shut: Sequence[tuple[str, ...]], *, ego: AbstractSet[str], sent: Sent) -> Sent | None:
+    """Other traffic that leaves some more roads alone; None where one of the ego's would have no way on.
+
+    shut: each road as its edges in driving order. ego: edges of its ways. A road from which only ways onto the ego's
+    are left is not used either: all its traffic would stand where the ego turns.
+    """
+    avoid, closed, rest = set(sent.avoid_turns), set(sent.closed_edges), list(shut)
+    while rest:
+        road = rest.pop()
+        closed |= {*road}
+        for before in roads.ways_to(road[0]):
+            avoid.add((before, road[0]))
+            left = {e for e in roads.graph.successors(before) if (before, e) not in avoid}
+            if before in ego and not left:
+                return None
+            if before not in ego | closed and left <= ego:
+                rest.append(roads.back(edge=before, s=0.0).edges[::-1])
+    return Sent(frozenset(avoid), frozenset(closed))

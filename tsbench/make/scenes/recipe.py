@@ -40,6 +40,16 @@ _BY_END: dict[str, Any] = {
 }
 # Names that have to stand in order where a recipe has both.
 _ORDERED = (("least", "most"), ("nearest", "farthest"))
+ROUTE_LENGTHS_M = (60.0, 120.0)
+# Of the published density: from the first of its quantiles to the last.
+DENSITY_SHARES = (0.05, 0.95)
+LEAST_SPEED_MPS = 1.0
+# The published quartiles: where a type has another scale of speeds, they are its ends.
+INITIAL_SPEEDS_MPS = (3.61, 11.05)
+DRIVER_DRAWS = 3
+LAYOUTS = 6
+DISTRACTORS = (2, 3, 1, 0)  # of ten variants three have the first number, three the second
+NOMINAL_SPEED_MPS = 7.75
 
 
 class _Preset(TypedDict, total=False):
@@ -156,18 +166,6 @@ def stratum_of(row: PoolRow) -> str:
     if row.family == "dual_path":
         return f"{row.slot}/{row.shape}"
     return row.shape
-
-
-ROUTE_LENGTHS_M = (60.0, 120.0)
-# Of the published density: from the first of its quantiles to the last.
-DENSITY_SHARES = (0.05, 0.95)
-LEAST_SPEED_MPS = 1.0
-# The published quartiles: where a type has another scale of speeds, they are its ends.
-INITIAL_SPEEDS_MPS = (3.61, 11.05)
-DRIVER_DRAWS = 3
-LAYOUTS = 6
-DISTRACTORS = (2, 3, 1, 0)  # of ten variants three have the first number, three the second
-NOMINAL_SPEED_MPS = 7.75
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,29 +20,25 @@ from lxml import etree
 from tsbench.core.errors import SimulationError
 from tsbench.core.xmlfile import read_plain, sha256
 from tsbench.make.placements.placement import Arrangement, ConvoySetup, UnfitMapError, UnluckyDrawError
-from tsbench.make.scenes.elements import (
-    background,
-    convoy_elements,
-    driver_types,
-    ego_elements,
-    obstacle_elements,
-    write_additional,
-)
 from tsbench.make.scenes.placed_plates import PlacedPlates, routed_vehicles
-from tsbench.make.scenes.plate_roads import plate_roads
-from tsbench.make.scenes.scene_lint import lint_scene
+from tsbench.make.scenes.plate_roads import Sent, plate_roads, shut_roads
 from tsbench.make.scenes.traffic import (
     Car,
     Router,
-    Sent,
     TrafficRequest,
     avoidable,
+    background,
+    convoy_elements,
+    driver_types,
     driving_lanes,
+    ego_elements,
     lane_km,
     make_car,
-    shut_roads,
+    obstacle_elements,
     standing_cars,
+    write_additional,
 )
+from tsbench.make.scenes.verify import lint_scene
 from tsbench.make.seeds import rng_of, seed_of
 from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.roads.network import Lane, RoadNetwork
@@ -57,6 +53,24 @@ from tsbench.sim.world import DT_S
 
 DENSITY_GOAL = 0.1
 REHEARSALS = 6
+LEAD_LIMIT_S = 40.0
+LEAD_ID = "convoy_0"
+DENSITY_WINDOW_S = 30.0
+MOST_EXCESS = 1.5
+LEAST_EXCESS = 0.6
+CORRECT_WITHIN_S = 8.0
+CYCLE_S = 30.0
+GREEN_S = 15.0
+ENTER_AFTER_EGO_S = 4.0
+LEAST_HEADWAY_S = 1.5
+LEAST_ROOM_M = 11.0
+SHORTEST_LANE_M = 15.0
+EVERY_TICKS = 4
+# A car that stands for longer, so near its line or within a junction, never gets its turn.
+LONGEST_STAND_S = 30.0
+AT_LINE_M = 10.0
+STANDING_M = 0.5
+OWN_PREFIX = "bg_"
 
 
 @dataclass(frozen=True)
@@ -104,7 +118,7 @@ class SceneFileWriter:
 
     def _elements(self, others: OtherTraffic) -> list[etree._Element]:
         a, network = self.a, self.roads.network
-        moving = self._types() if others.cars else []
+        moving = driver_types(a.drivers) if others.cars else []
         moving += ego_elements(a.start, network, a.route_hint)
         if a.convoy:
             moving += self._convoy_elements(a.convoy)
@@ -119,9 +133,6 @@ class SceneFileWriter:
             contrast=a.contrast,
         )  # fmt: skip
         return layout_elements(layout, network) + list(a.extra) + obstacle_elements(a.obstacles, network)
-
-    def _types(self) -> list[etree._Element]:
-        return driver_types(self.a.drivers)
 
     def _convoy_elements(self, c: ConvoySetup) -> list[etree._Element]:
         lanes = [self.roads.network.lane(name) for name in c.lanes or (c.lane,) * len(c.places)]
@@ -160,7 +171,7 @@ class SceneFileWriter:
             standing = standing_cars(network, graph, ask, rng)
             if ask is not written:
                 written = ask
-                write_additional([*fixed, *self._types(), *background(standing)], self.trial)
+                write_additional([*fixed, *driver_types(a.drivers), *background(standing)], self.trial)
             load_files(self.sim, self.roads.file.path, self.trial, network, self.seed)
             inflow = DemandCalibration(self.sim, network, graph, ask, standing, target, rng)
             mean = inflow.drive(duration_s)
@@ -229,10 +240,6 @@ class SceneFileWriter:
             self.sim.hold_persons(a.walkers.persons)
 
 
-LEAD_LIMIT_S = 40.0
-LEAD_ID = "convoy_0"
-
-
 def load_files(sim: Simulation, net: Path, additional: Path, network: RoadNetwork, seed: int) -> None:
     """As `Simulation.load`, also where a path has commas: SUMO takes them for the ends of names."""
     with _without_commas(net) as plain_net, _without_commas(additional) as plain_additional:
@@ -270,24 +277,6 @@ def lead_time(sim: Simulation, net: Path, additional: Path, network: RoadNetwork
         if sim.distance_driven(LEAD_ID) - began >= way_m:
             return tick * DT_S
     raise SimulationError(f"{additional}: the convoy's lead does not reach the conflict zone")
-
-
-DENSITY_WINDOW_S = 30.0
-MOST_EXCESS = 1.5
-LEAST_EXCESS = 0.6
-CORRECT_WITHIN_S = 8.0
-CYCLE_S = 30.0
-GREEN_S = 15.0
-ENTER_AFTER_EGO_S = 4.0
-LEAST_HEADWAY_S = 1.5
-LEAST_ROOM_M = 11.0
-SHORTEST_LANE_M = 15.0
-EVERY_TICKS = 4
-# A car that stands for longer, so near its line or within a junction, never gets its turn.
-LONGEST_STAND_S = 30.0
-AT_LINE_M = 10.0
-STANDING_M = 0.5
-OWN_PREFIX = "bg_"
 
 
 class DemandCalibration:

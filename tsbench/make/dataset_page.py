@@ -81,7 +81,6 @@ def _sources(names: Sequence[str], x: Any, y: Any) -> list[list[Any]]:
 
 # Scenario type and map.
 Group = tuple[str, str]
-# Code and value.
 
 
 def scene_blob(type_id: str, map_id: str) -> str:

@@ -26,6 +26,10 @@ _SAME = ("solvable", "tempting", "engaged", "sane")
 _SHARES = {"tagged": "tagged_share", **{name: name for name in _SAME}, "again": "reproduced"}
 # The columns of the page's own table: as many as are as wide as a page.
 _SHOWN = ("type", "rows", "pairs", "places", "tagged", "gap_s", "seen")
+Progress = Callable[[int, int], None]
+# Of a routing type's test maps at most this share is to be from the generalised extract (docs/scenes.md).
+GOAL = 0.3
+ROUTING = "routing"
 
 
 def dataset_tables(stats: Sequence[TypeStats], report: Sequence[Mapping[str, Any]]) -> tuple[Analysis, Analysis]:
@@ -171,9 +175,6 @@ def _reasons(reasons: Mapping[str, int]) -> str:
     return "; ".join(f"{n} {shown_reason(why)}" for why, n in reasons.items()) or "none"
 
 
-Progress = Callable[[int, int], None]
-
-
 @dataclass(frozen=True)
 class TypeAxes:
     """Signed rows of a type in one split.
@@ -262,11 +263,6 @@ def axes_of(type_id: str, split: str, rows: Sequence[tuple[ScenarioSpec, Asked]]
         apart=apart(lambda asked: asked),
         apart_bare=apart(lambda asked: asked.bare),
     )
-
-
-# Of a routing type's test maps at most this share is to be from the generalised extract (docs/scenes.md).
-GOAL = 0.3
-ROUTING = "routing"
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,0 @@
-"""Pages, tables and pictures that show the data: scenes, maps, signs."""
