@@ -28,6 +28,7 @@ from tsbench.report.analyses.analysis import ALL, DASH
 from tsbench.report.analyses.columns import NAMES, panels_of, present_panels
 from tsbench.report.wording import readable, sign_words
 from tsbench.run.log.read import StoredRun
+from tsbench.run.log.record import SPEC_COLUMNS
 from tsbench.run.plan import BOTH
 from tsbench.scenarios.spec import pair_type
 
@@ -41,10 +42,8 @@ _BIBTEX = """@software{{tsbench,
   note    = {{edition {edition}, scoring {scoring}}},
 }}"""
 # Of a record, all that a failure is told from.
-_COLUMNS = (
-    "planner", "scenario_id", "scenario_type", "pair_id", "half", "sign_code", "sign_value", "outcome", "error", "scd",
-    "violation_clause", "at_fault", "collision_partner", "duration_s", "route_completion",
-)  # fmt: skip
+_ENDING = ("outcome", "error", "at_fault", "collision_partner", "duration_s", "route_completion")
+_COLUMNS = ("planner", *SPEC_COLUMNS, "scd", "violation_clause", *_ENDING)
 # What failures are grouped by, with the field of a failure that it is.
 GROUPINGS = MappingProxyType({"planner": "planner", "type": "type", "clause": "cause"})
 _ENDS = {

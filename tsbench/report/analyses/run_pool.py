@@ -25,6 +25,7 @@ from tsbench.report.analyses.columns import in_published_order
 from tsbench.report.compare_runs import SELECTION, differing
 from tsbench.run.log.manifest import marks_of
 from tsbench.run.log.read import StoredRun, read_run
+from tsbench.run.log.record import SPEC_COLUMNS
 from tsbench.run.plan import BOTH
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import CONTRAST, HALVES
@@ -183,11 +184,9 @@ def _check_selection(a: StoredRun, b: StoredRun) -> None:
 # Which halves of a pair were passed, by whether the signed and the contrast half was.
 PASSES = {(True, True): "both", (True, False): "only signed", (False, True): "only contrast", (False, False): "none"}
 Key = tuple[str, str]
-# Columns of a record that reports show and players need: a whole record takes six times the memory.
-_INDEXED = (
-    "planner", "scenario_id", "scenario_type", "group", "map_id", "variant", "pair_id", "half", "outcome", "error",
-    "sign_compliant", "scd", "violation_clause", "violation_time_s", "driving_score",
-)  # fmt: skip
+# Columns of a record that reports show and players need: a whole record takes three times the memory.
+_VIOLATION = ("sign_compliant", "scd", "violation_clause", "violation_time_s")
+_INDEXED = ("planner", *SPEC_COLUMNS, "outcome", "error", *_VIOLATION, "driving_score")
 Row = Mapping[str, Any]
 
 
