@@ -8,6 +8,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from PIL import Image as PilImage
+from run_builders import episode, make_run
 from scripts import load_script
 
 from tsbench.episode.runner import EpisodeRunner
@@ -30,12 +31,13 @@ def script() -> ModuleType:
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Both halves of the pair as a planner drives them that ignores signs, and one that always obeys."""
-    folder = tmp_path_factory.mktemp("run")
+    halves = [spec for spec in DataSet.in_use().table("dev") if spec.pair_id == PAIR]
+    records = [episode(name, 0, 0, 0, scenario_id=spec.scenario_id) for name in PLANNERS for spec in halves]
+    folder = make_run(tmp_path_factory.mktemp("made") / "run", records)
     for planner in PLANNERS:
         runner = EpisodeRunner(resolve(planner))
-        for spec in DataSet.in_use().table("dev"):
-            if spec.pair_id == PAIR:
-                write_trace(trace_path(folder, planner, spec.scenario_id), runner.run(spec))
+        for spec in halves:
+            write_trace(trace_path(folder, planner, spec.scenario_id), runner.run(spec))
         runner.close()
     return folder
 

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from simworld import CALM, SceneMaker, plate, simulation
 
-from tsbench.make.scenes.plate_roads import plate_roads
+from tsbench.make.scenes.plate_roads import Sent, plate_roads, shut_roads
 from tsbench.make.scenes.scene_files import (
     CYCLE_S,
     DENSITY_WINDOW_S,
@@ -27,13 +27,11 @@ from tsbench.make.scenes.traffic import (
     Car,
     Driver,
     Router,
-    Sent,
     TrafficRequest,
     avoidable,
     background,
     driver_types,
     lane_km,
-    shut_roads,
     standing_cars,
     write_additional,
 )
