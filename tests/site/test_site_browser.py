@@ -88,7 +88,7 @@ def test_the_menu_opens_on_a_phone_and_stands_beside_the_text_on_a_desktop(
         menu = page.locator(".md-sidebar--primary")
         assert not menu.is_visible() or menu.bounding_box()["x"] < 0
         page.locator("label[for=__drawer].md-header__button").click()
-        page.get_by_text("Guides", exact=True).last.wait_for(state="visible")
+        page.get_by_text("How to", exact=True).last.wait_for(state="visible")
     with window(chromium, address, pictures.DESKTOP) as page:
         page.goto(f"{address}/rules.html")
         assert page.evaluate(TOO_WIDE) <= 0
