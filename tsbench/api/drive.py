@@ -24,7 +24,7 @@ from tsbench.run.arguments import keywords
 from tsbench.run.log.record import Record, make_record
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.scenarios.spec import ScenarioSpec, other_halves
 from tsbench.sim.world import DT_S, ActorKind
 
 _NEAREST = 6
@@ -142,7 +142,7 @@ class Drive:
                 yield readable(event["sentence"])
                 if event["clause"] == "needless_slow":
                     yield judged_stretch(scene, ticks[round(event["start_s"] / DT_S)])
-        if other := self._data.other_half(self.row):
+        if other := other_halves(self._data.table(self.row.split)).get(self.row.scenario_id):
             yield under_other_sign(scene, self._loader.load(other)[0], ticks)
         if result.outcome is Outcome.ARRIVED:
             return

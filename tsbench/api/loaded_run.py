@@ -144,6 +144,7 @@ class Run:
         row, traces = self._stored.row(episode), Traces(self._stored)
         trace = traces.read(row["planner"], row["scenario_id"])
         if not row["scd"]:
+            # The player shows it beside.
             traces.of_other_half(row)
         shown: Shown = load("tsbench.api.shown").Shown(self._stored, trace, time)
         return shown

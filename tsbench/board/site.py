@@ -92,22 +92,23 @@ def _data_set(rows: Sequence[BoardRow]) -> dict[str, Any]:
 
 def _level(rows: list[BoardRow]) -> dict[str, Any]:
     drawn = [row for row in rows if not row.refuted and row.primary is not None]
-    titles = Counter(row.submission.title for row in drawn)
-    # Rows of one title differ by the beginning of their file's hash.
-    names = [t if titles[t := row.submission.title] == 1 else f"{t} ({row.sha256[:8]})" for row in drawn]
-    first = rows[0].submission
-    chart = curves.forest(
-        [(name, row.primary) for name, row in zip(names, drawn, strict=True) if row.primary is not None],
-        f"planners-{first.contract[:8]}-{first.level}",
-        f"{_primary_name(drawn)} by planner, {first.level} perception",
-        {name for name, row in zip(names, drawn, strict=True) if row.submission.planner.floor},
-    )
     return {
-        "chart": chart if len(drawn) > 1 else None,
+        "chart": _chart(drawn) if len(drawn) > 1 else None,
         "name": rows[0].submission.level,
         "rows": [row for row in rows if not row.submission.planner.floor],
         "floors": [row for row in rows if row.submission.planner.floor],
     }
+
+
+def _chart(rows: Sequence[BoardRow]) -> Markup:
+    """The figures of rows of one level."""
+    first, names = rows[0].submission, _distinct([row.submission.title for row in rows], rows)
+    return curves.forest(
+        [(name, row.primary) for name, row in zip(names, rows, strict=True) if row.primary is not None],
+        f"planners-{first.contract[:8]}-{first.level}",
+        f"{_primary_name(rows)} by planner, {first.level} perception",
+        {name for name, row in zip(names, rows, strict=True) if row.submission.planner.floor},
+    )
 
 
 def _by_planner(rows: Sequence[BoardRow]) -> list[list[BoardRow]]:
@@ -184,10 +185,12 @@ def _planner_page(own: Sequence[BoardRow], sets: dict[Compared, list[BoardRow]],
 
 def _labels(rows: Sequence[BoardRow]) -> list[str]:
     """Names for submissions of one planner, each another one."""
-    plain = [f"{row.data_set[0]}, {row.submission.split}, {row.submission.level}" for row in rows]
-    return [
-        name if plain.count(name) == 1 else f"{name} ({row.sha256[:8]})" for name, row in zip(plain, rows, strict=True)
-    ]
+    return _distinct([f"{row.data_set[0]}, {row.submission.split}, {row.submission.level}" for row in rows], rows)
+
+
+def _distinct(names: Sequence[str], rows: Sequence[BoardRow]) -> list[str]:
+    """The names of rows; those of one name have the beginning of their file's hash, too."""
+    return [n if names.count(n) == 1 else f"{n} ({row.sha256[:8]})" for n, row in zip(names, rows, strict=True)]
 
 
 def _types(row: BoardRow) -> list[tuple[str, list[Figure | None]]]:

@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
 
 import pyarrow as pa
 
@@ -24,7 +23,7 @@ from tsbench.run.edition import contract_now, standing_contract
 from tsbench.run.log.folder import SUMMARY
 from tsbench.run.log.journal import Key
 from tsbench.run.log.manifest import Manifest, city_of, marks_of, planners_of, read_manifest
-from tsbench.run.log.record import Row, score
+from tsbench.run.log.record import Row, same_value, score
 from tsbench.run.log.tables import read_table
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
@@ -182,14 +181,14 @@ class Judge:
         yield from (
             f"{name} is {row[name]!r}, by its trace {new_row[name]!r}"
             for name in row
-            if not _same(row[name], new_row[name])
+            if not same_value(row[name], new_row[name])
         )
         if len(events) != len(new_events):
             yield f"{len(events)} events, by its trace {len(new_events)}"
             return
         for old, new in zip(sorted(events, key=lambda event: event["number"]), new_events, strict=True):
             for name in old:
-                if not _same(old[name], new[name]):
+                if not same_value(old[name], new[name]):
                     yield f"event {old['number']}: {name} is {old[name]!r}, by its trace {new[name]!r}"
 
     def record(self, trace: Trace, privileged: bool) -> tuple[Row, list[Row]]:
@@ -253,7 +252,3 @@ def _summary_lines(folder: Path, manifest: Manifest, episodes: pa.Table) -> Iter
     with io_errors_as_input_errors(path):
         if path.read_bytes() != now.to_json().encode():
             yield f"{path}: differs from the aggregates of the {len(episodes)} records"
-
-
-def _same(a: Any, b: Any) -> bool:
-    return bool(a == b) or (a != a and b != b)

@@ -5,13 +5,15 @@ from __future__ import annotations
 from functools import cached_property
 from pathlib import Path
 
+import pyarrow.compute as pc
+
 from tsbench.core.errors import InputError
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, read_trace, trace_path, write_trace
-from tsbench.run.edition import contract_now, standing_contract
+from tsbench.run.edition import contract_hash, standing_contract
 from tsbench.run.log.manifest import planners_of
 from tsbench.run.log.read import StoredRun
-from tsbench.run.log.record import Row, make_record
+from tsbench.run.log.record import Row, make_record, same_value
 from tsbench.run.planner_info import resolve_unchanged
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
@@ -45,8 +47,11 @@ class Traces:
 
         None where the run has no such episode, and where that has no trace and the planner cannot drive again.
         """
-        rows = self.run.of(row["planner"]).to_pylist() if row["pair_id"] else []
-        other = next((r for r in rows if r["pair_id"] == row["pair_id"] and r["half"] != row["half"]), None)
+        if not row["pair_id"]:
+            return None
+        rows = self.run.of(row["planner"])
+        halves = rows.filter(pc.equal(rows["pair_id"], row["pair_id"])).to_pylist()
+        other = next((half for half in halves if half["half"] != row["half"]), None)
         if other is None:
             return None
         key = other["planner"], other["scenario_id"]
@@ -56,10 +61,11 @@ class Traces:
     @cached_property
     def _split(self) -> dict[str, ScenarioSpec] | None:
         """The rows of the run's split by scenario; None where this tsbench has another contract for it."""
-        run, split = self.run, self.run.manifest["effective"]["split"]
-        if standing_contract(contract_now(run.data, split)) != run.contract:
+        data = self.run.data
+        rows = data.table(self.run.manifest["effective"]["split"])
+        if standing_contract(contract_hash(rows, data.catalog)) != self.run.contract:
             return None
-        return {row.scenario_id: row for row in run.data.table(split)}
+        return {row.scenario_id: row for row in rows}
 
     @cached_property
     def _simulation(self) -> Simulation:
@@ -88,8 +94,7 @@ class Traces:
         result = self._runners[old["planner"]].run(self._split[old["scenario_id"]])
         new = make_record(result, old["privileged"]).row
         for column, value in old.items():
-            # NaN differs from itself.
-            if value != new[column] and not (value != value and new[column] != new[column]):
+            if not same_value(value, new[column]):
                 raise InputError(
                     f"{name}: is another episode when it is driven again: {column} was {value!r}, now {new[column]!r}. "
                     "Make the planner deterministic, or keep all traces (tsbench run --trace all)"

@@ -144,11 +144,6 @@ class DataSet:
         rows = read_table(path, f"{self.fetch_hint(split)} {made}")
         return [mirrored_row(row, self.catalog) for row in rows] if self.mirrored else rows
 
-    def other_half(self, row: ScenarioSpec) -> ScenarioSpec | None:
-        """The row of the other half of a pair, None for a row without one."""
-        rows = self.table(row.split) if row.pair_id else []
-        return next((one for one in rows if one.pair_id == row.pair_id and one.half != row.half), None)
-
     def editions(self) -> dict[str, str]:
         """As `table.scene_editions`."""
         return scene_editions(self.file("scenarios/editions.yaml"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 SCHEMA_VERSION = 1
@@ -62,3 +63,13 @@ class ScenarioSpec:
     def pair_name(self) -> str:
         """What both halves share and no other row has: the pair's id, or the row's own where there is no pair."""
         return self.pair_id or self.scenario_id
+
+
+def other_halves(rows: Iterable[ScenarioSpec]) -> dict[str, ScenarioSpec]:
+    """By scenario the row of the other half of its pair, of those whose both halves are there."""
+    pairs: dict[str, list[ScenarioSpec]] = {}
+    for row in rows:
+        if row.pair_id:
+            pairs.setdefault(row.pair_id, []).append(row)
+    whole = [pair for pair in pairs.values() if len(pair) == len(HALVES)]
+    return {row.scenario_id: other for pair in whole for row, other in zip(pair, reversed(pair), strict=True)}

@@ -28,7 +28,7 @@ from tsbench.report.wording import episode_subtitle, episode_title, readable, un
 from tsbench.roads.planner_map import build_planner_map
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
+from tsbench.scenarios.spec import ScenarioSpec, other_halves
 from tsbench.signs.annotations import DISTRACTOR
 from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.scene import Scene
@@ -60,7 +60,7 @@ class EpisodePacker:
     def __init__(self, data: DataSet, loader: SceneLoader | None = None) -> None:
         self._data, self._loader = data, SceneLoader(data) if loader is None else loader
         self._roads: dict[str, bytes] = {}
-        self._rows: dict[str, dict[tuple[str, str], ScenarioSpec]] = {}
+        self._others: dict[str, dict[str, ScenarioSpec]] = {}
 
     def pack(self, path: Path, key: tuple[str, str]) -> Packed:
         """The trace at `path`, which is to be that of `key` (planner, scenario).
@@ -105,11 +105,11 @@ class EpisodePacker:
         spec = trace.spec
         if not (spec.pair_id and trace.events):
             return ""
-        if spec.split not in self._rows:
-            self._rows[spec.split] = {(row.pair_id, row.half): row for row in self._data.table(spec.split)}
-        rows = self._rows[spec.split]
-        other = rows.get((spec.pair_id, CONTRAST if spec.half == SIGNED else SIGNED))
-        if other is None or rows.get((spec.pair_id, spec.half)) != spec:
+        if spec.split not in self._others:
+            self._others[spec.split] = other_halves(self._data.table(spec.split))
+        others = self._others[spec.split]
+        other = others.get(spec.scenario_id)
+        if other is None or others[other.scenario_id] != spec:
             return ""
         return under_other_sign(scene, self._loader.load(other)[0], trace.snapshots)
 

@@ -5,7 +5,7 @@ Beside them `rescored.json`: that the run was judged again, what of it, by what,
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
@@ -83,7 +83,6 @@ def tell_rescored(folder: Path, contract: str, files: Mapping[str, str] | None) 
 
 EPISODES = "episodes.parquet"
 _ENDED = ("complete", "interrupted")
-_NAME = ("planner", "scenario_id")
 
 
 @dataclass(frozen=True)
@@ -147,21 +146,26 @@ class StoredRun:
 
         Raises InputError for no such episode, naming a few, and for a scenario of several planners.
         """
-        names = [f"{row['planner']}/{row['scenario_id']}" for row in self.episodes.select(_NAME).to_pylist()]
-        found = [k for k, name in enumerate(names) if name == episode]
-        found = found or [k for k, name in enumerate(names) if name.rpartition("/")[2] == episode]
+        planner, _, scenario_id = episode.rpartition("/")
+        rows = self.of(planner) if planner else self.episodes
+        found = rows.filter(pc.equal(rows["scenario_id"], scenario_id)).to_pylist()
         if len(found) > 1:
-            choices = ", ".join(names[k] for k in found)
+            choices = ", ".join(_names(found))
             raise InputError(f"{self.path}: {episode} was driven by several planners, name one: {choices}")
         if not found:
-            some = f"there are {', '.join(names[:3])}, …" if names else "it has none yet"
+            names = _names(self.episodes.slice(0, 3).to_pylist())
+            some = f"there are {', '.join(names)}, …" if names else "it has none yet"
             raise InputError(f"{self.path}: no episode {episode!r}; {some}")
-        row: dict[str, Any] = self.episodes.slice(found[0], 1).to_pylist()[0]
+        row: dict[str, Any] = found[0]
         return row
 
     def holes(self, planner: str) -> int:
         """Scenarios asked of a planner that have no record."""
         return self.asked[planner] - len(self.of(planner))
+
+
+def _names(rows: Iterable[Mapping[str, Any]]) -> list[str]:
+    return [f"{row['planner']}/{row['scenario_id']}" for row in rows]
 
 
 def is_run(path: Path) -> bool:

@@ -43,6 +43,11 @@ class Record:
     left: tuple[str, ...] = ()
 
 
+def same_value(a: Any, b: Any) -> bool:
+    """Do two records agree in a value? Two NaN do."""
+    return bool(a == b) or (a != a and b != b)
+
+
 def error_row(spec: ScenarioSpec, planner: str, privileged: bool, outcome: Outcome, error: str) -> Row:
     """A row without figures: what did not happen is null, never zero; as a success it counts as none."""
     row = head_row(spec, planner, privileged, outcome, one_line(error) or "no cause given")
