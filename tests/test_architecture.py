@@ -93,3 +93,9 @@ for name in ("api.evaluate", "api.drive", "cli.city", "cli.scenarios", "cli.lead
 def test_the_base_needs_no_extra_and_starts_without_sumo() -> None:
     done = subprocess.run([sys.executable, "-c", BASE], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_a_report_is_made_without_sumo() -> None:
+    code = "import sys, tsbench.report.page.report_page; assert 'libsumo' not in sys.modules"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")

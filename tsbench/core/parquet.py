@@ -68,7 +68,7 @@ def read_rows(row: type[Row], path: Path, schema: pa.Schema, hint: str, later: S
 def _rows(row: type[Row], part: pa.RecordBatch, later: Sequence[str]) -> Iterator[Row]:
     names = part.schema.names
     nulls = [name for name in names if name in later]
-    for values in zip(*(_values(part.column(name)) for name in names), strict=True):
+    for values in zip(*(values_of(part.column(name)) for name in names), strict=True):
         fields = dict(zip(names, values, strict=True))
         for name in nulls:
             if fields[name] is None:
@@ -76,11 +76,11 @@ def _rows(row: type[Row], part: pa.RecordBatch, later: Sequence[str]) -> Iterato
         yield row(**fields)
 
 
-def _values(column: pa.Array) -> list[Any]:
+def values_of(column: pa.Array | pa.ChunkedArray) -> list[Any]:
+    """A column's values; equal words are one string."""
     values = column.to_pylist()
     if pa.types.is_list(column.type):
         return list(map(tuple, values))
-    # Most words stand in many rows.
     return [v if v is None else intern(v) for v in values] if pa.types.is_string(column.type) else values
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,8 +18,10 @@ from tsbench.geometry.polyline import Array
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.nuplan import DENSITY_KEY, LANE_KM_WITHIN_REACH, SPEED_KEY, quantiles
-from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
+
+if TYPE_CHECKING:
+    from tsbench.sim.sumo import Simulation
 
 GOAL = 0.10
 # nuPlan's own bounds of "moving".

@@ -159,7 +159,7 @@ def test_several_runs_of_one_contract_are_one_page(tmp_path: Path) -> None:
     pool = read_pool(runs, False)
     index = index_episodes(pool)
     assert "idm, mine: 2 of 29 types" in heading(pool)["title"]
-    assert (len(index.rows), len(index.traces), index.notes) == (96, 4, ())
+    assert (len(index), len(index.traces), index.notes) == (96, 4, ())
     assert {path.parents[2].name for path in index.traces.values()} == {"idm", "mine"}
 
 

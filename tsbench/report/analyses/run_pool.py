@@ -17,6 +17,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 
 from tsbench.core.errors import InputError
+from tsbench.core.parquet import values_of
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.trace import trace_path
 from tsbench.metrics.aggregate import PlannerSummary, Summary, label, name_holes, summarise
@@ -184,7 +185,7 @@ def _check_selection(a: StoredRun, b: StoredRun) -> None:
 # Which halves of a pair were passed, by whether the signed and the contrast half was.
 PASSES = {(True, True): "both", (True, False): "only signed", (False, True): "only contrast", (False, False): "none"}
 Key = tuple[str, str]
-# Columns of a record that reports show and players need: a whole record takes three times the memory.
+# Columns of a record that reports show and players need.
 _VIOLATION = ("sign_compliant", "scd", "violation_clause", "violation_time_s")
 _INDEXED = ("planner", *SPEC_COLUMNS, "outcome", "error", *_VIOLATION, "driving_score")
 Row = Mapping[str, Any]
@@ -192,32 +193,37 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class EpisodeIndex:
-    """Episodes of a pool. data: what they are of; rows: records, by planner and scenario; traces: by row number;
-    notes: what is odd.
+    """Episodes of a pool. data: what they are of; columns: of their records, by planner and scenario (records as
+    dictionaries take three times the memory); traces: by row number; notes: what is odd.
 
     stories: of runs. partners: by row number that of the other half;
     passes: by row number which halves of its pair were passed, one of PASSES.
     """
 
     data: DataSet
-    rows: Sequence[Row]
+    columns: Mapping[str, Sequence[Any]]
     stories: Mapping[Key, Row]
     traces: Mapping[int, Path]
     notes: tuple[str, ...]
     partners: Mapping[int, int]
     passes: Mapping[int, str]
 
+    def __len__(self) -> int:
+        return len(self.columns["planner"])
+
     def key(self, row: int) -> Key:
-        return self.rows[row]["planner"], self.rows[row]["scenario_id"]
+        return self.columns["planner"][row], self.columns["scenario_id"][row]
 
 
 def index_episodes(pool: RunPool) -> EpisodeIndex:
     """Look for the traces of a pool's episodes. Raises InputError for a table that cannot be read."""
-    rows: list[Row] = [row for run in pool.runs for row in run.episodes.select(_INDEXED).to_pylist()]
+    stored = {name: [v for run in pool.runs for v in values_of(run.episodes[name])] for name in _INDEXED}
     place = {name: k for k, name in enumerate(pool.planners)}
-    rows.sort(key=lambda row: (place[row["planner"]], row["scenario_id"]))
+    keys = list(zip((place[name] for name in stored["planner"]), stored["scenario_id"], strict=True))
+    order = sorted(range(len(keys)), key=keys.__getitem__)
+    columns = {name: [values[k] for k in order] for name, values in stored.items()}
     stories = {key: story for run in pool.runs for key, story in run.stories.items()}
-    numbers = {(row["planner"], row["scenario_id"]): k for k, row in enumerate(rows)}
+    numbers = {key: k for k, key in enumerate(zip(columns["planner"], columns["scenario_id"], strict=True))}
     there: dict[int, Path] = {}
     notes = []
     for run in pool.runs:
@@ -233,21 +239,25 @@ def index_episodes(pool: RunPool) -> EpisodeIndex:
             names = ", ".join(str(path.relative_to(run.path)) for path in strays[:3])
             more = "" if len(strays) <= 3 else f" and {len(strays) - 3} more"
             notes.append(f"{run.path}: {len(strays)} traces without their episode, not shown: {names}{more}")
-    return EpisodeIndex(pool.runs[0].data, rows, stories, dict(sorted(there.items())), tuple(notes), *_pairs(rows))
+    return EpisodeIndex(
+        pool.runs[0].data, columns, stories, dict(sorted(there.items())), tuple(notes), *_pairs(columns)
+    )
 
 
-def _pairs(rows: Sequence[Row]) -> tuple[dict[int, int], dict[int, str]]:
+def _pairs(columns: Mapping[str, Sequence[Any]]) -> tuple[dict[int, int], dict[int, str]]:
     """Partners and passes of the rows whose other half is there too."""
     found: dict[tuple[str, str], dict[str, int]] = {}
-    for k, row in enumerate(rows):
-        if row["pair_id"]:
-            found.setdefault((row["planner"], row["pair_id"]), {})[row["half"]] = k
+    named = zip(*(columns[name] for name in ("planner", "pair_id", "half")), strict=True)
+    for k, (planner, pair_id, half) in enumerate(named):
+        if pair_id:
+            found.setdefault((planner, pair_id), {})[half] = k
+    scd = columns["scd"]
     partners: dict[int, int] = {}
     passes: dict[int, str] = {}
     for pair in (pair for pair in found.values() if len(pair) == len(HALVES)):
         signed, contrast = (pair[half] for half in HALVES)
         partners |= {signed: contrast, contrast: signed}
-        passes |= dict.fromkeys((signed, contrast), PASSES[rows[signed]["scd"], rows[contrast]["scd"]])
+        passes |= dict.fromkeys((signed, contrast), PASSES[scd[signed], scd[contrast]])
     return partners, passes
 
 
@@ -257,10 +267,10 @@ def by_interest(index: EpisodeIndex) -> list[int]:
     The other half of a pair follows at once, for the two are played together.
     """
     classes: dict[int, dict[tuple[str, str], list[int]]] = {0: {}, 1: {}, 2: {}}
+    column = index.columns
     for row in index.traces:
-        record = index.rows[row]
-        rank = 0 if record["violation_clause"] else 1 if not record["scd"] else 2
-        classes[rank].setdefault((record["scenario_type"], record["planner"]), []).append(row)
+        rank = 0 if column["violation_clause"][row] else 1 if not column["scd"][row] else 2
+        classes[rank].setdefault((column["scenario_type"][row], column["planner"][row]), []).append(row)
     alone = [row for queues in classes.values() for row in _in_turn(queues)]
     halves = (half for row in alone for half in (row, index.partners.get(row, row)))
     return [row for row in dict.fromkeys(halves) if row in index.traces]

@@ -103,11 +103,11 @@ def traffic(pool: RunPool, index: EpisodeIndex) -> Analysis | None:
     table = data.table(split)
     if standing_contract(contract_now(data, split)) != pool.contract:
         return None
-    driven = {row["scenario_id"] for row in index.rows}
+    driven = set(index.columns["scenario_id"])
     rows = [spec for spec in table if spec.scenario_id in driven]
     traced: dict[str, int] = {}
     for row in index.traces:
-        traced.setdefault(index.rows[row]["scenario_id"], row)
+        traced.setdefault(index.columns["scenario_id"][row], row)
     sample = sample_rows([spec for spec in rows if spec.scenario_id in traced], _EPISODES)
     cruise = background_speeds(read_trace(index.traces[traced[spec.scenario_id]]) for spec in sample)
     proven = (c for c in certificates_of(data) if c.scenario_id in driven)

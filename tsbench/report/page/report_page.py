@@ -154,12 +154,12 @@ def write_report(
     if bare > bound:
         raise InputError(f"{path}: without any player the page has {bare / MEGABYTE:.1f} MB: raise --max-mb {max_mb:g}")
     # The flags of what can be played change by a few bytes in the table.
-    players = embed(index, bound - bare - len(index.rows) - 4096, workers, progress)
+    players = embed(index, bound - bare - len(index) - 4096, workers, progress)
     text = fixed.page(players).encode()
     with io_errors_as_input_errors(path):
         write_atomic(path, text)
     played, traces, notes = len(players.rows), len(index.traces), (*index.notes, *players.notes)
-    return Written(path, len(text), played, traces, len(index.rows), players.size, notes)
+    return Written(path, len(text), played, traces, len(index), players.size, notes)
 
 
 def served_page(pool: RunPool, index: EpisodeIndex, source: str) -> str:
@@ -188,7 +188,7 @@ def episode_page(run: StoredRun, planner: str, scenario_id: str) -> str:
         "report.html", blobs={"episodes": episodes_table(index, players.rows), **players.blobs}, scripts=PLAYER_SCRIPTS,
         title=f"{planner}: {scenario_id}", partial=False, contract=pool.contract, edition=pool.edition, sections=[],
         headlines=[], cited=[],
-        runs=[], notes=players.notes, players=len(players.rows), episodes=len(index.rows),
+        runs=[], notes=players.notes, players=len(players.rows), episodes=len(index),
     )  # fmt: skip
 
 
@@ -207,5 +207,5 @@ class Fixed:
         return render_page(
             "report.html", data=data, blobs=blobs, scripts=PLAYER_SCRIPTS, served=source is not None,
             sections=self._sections, runs=self._about, notes=[*self._index.notes, *players.notes],
-            players=len(players.rows), episodes=len(self._index.rows), **self._heading,
+            players=len(players.rows), episodes=len(self._index), **self._heading,
         )  # fmt: skip

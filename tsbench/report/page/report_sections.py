@@ -169,17 +169,17 @@ _COLUMNS = (
 
 def episodes_table(index: EpisodeIndex, playable: Collection[int]) -> bytes:
     """Every episode as a row of `tsb.table`; playable: rows that a player has."""
-    values: dict[str, list[Any]] = {c["name"]: [r.get(c["name"]) for r in index.rows] for c in _COLUMNS}
-    stories = [index.stories.get(index.key(k)) for k in range(len(index.rows))]
+    values: dict[str, list[Any]] = {c["name"]: list(index.columns.get(c["name"], ())) for c in _COLUMNS}
+    stories = [index.stories.get(index.key(k)) for k in range(len(index))]
     values["measured"] = ["" if s is None else f"{s['value']:.4g} / {s['threshold']:.4g} {s['unit']}" for s in stories]
     values["told"] = [
-        s["sentence"] if s is not None else row["error"] or "" for s, row in zip(stories, index.rows, strict=True)
+        error or "" if s is None else s["sentence"] for s, error in zip(stories, index.columns["error"], strict=True)
     ]
     values["violation_clause"] = [clause or "" for clause in values["violation_clause"]]
-    values["scenario_type"] = [pair_type(row["pair_id"], row["scenario_type"]) for row in index.rows]
-    values["passes"] = [index.passes.get(k, "") for k in range(len(index.rows))]
-    values["partner"] = [index.partners.get(k) for k in range(len(index.rows))]
-    values["playable"] = [k in playable for k in range(len(index.rows))]
+    values["scenario_type"] = list(map(pair_type, index.columns["pair_id"], index.columns["scenario_type"]))
+    values["passes"] = [index.passes.get(k, "") for k in range(len(index))]
+    values["partner"] = [index.partners.get(k) for k in range(len(index))]
+    values["playable"] = [k in playable for k in range(len(index))]
     for column in _COLUMNS:
         if column["kind"] == "number":
             digits = column.get("digits", 1)

@@ -107,7 +107,7 @@ class Library:
         path = run.index.traces.get(row)
         if path is None:
             raise NotThere(f"no trace of episode {name}")
-        home = run.pool.home[run.index.rows[row]["planner"]].path
+        home = run.pool.home[run.index.columns["planner"][row]].path
         if not path.resolve().is_relative_to(home.resolve()):
             raise NotThere(f"the trace of episode {name} lies outside its run")
         packed = run.packer.pack(path, run.index.key(row))
