@@ -146,11 +146,8 @@ class PageMaker:
     def _text(self, kind: ScenarioType, drives: Drives) -> str:
         signs = [self._catalog.sign(code) for code in kind.codes]
         ends = [self._catalog.sign(code) for code in kind.end_codes]
+        other = None if drives.kept is None else self._catalog.sign(drives.kept.spec.sign_code)
         shown = drives.broken.spec.sign_value
-        other, other_plate = None, ""
-        if drives.kept is not None:
-            other = self._catalog.sign(drives.kept.spec.sign_code)
-            other_plate = self._plate(other, drives.kept.spec.sign_value, 64)
         text: str = (
             environment()
             .get_template("sign.md")
@@ -158,7 +155,7 @@ class PageMaker:
                 kind=kind, signs=signs, ends=ends, rule=signs[0].rule, broken=drives.broken, obeyed=drives.obeyed,
                 title=", ".join(dict.fromkeys(s.name_en for s in signs)), event=_first_violation(drives.broken),
                 plates=" ".join(self._plate(s, shown, 96) for s in (*signs, *ends)), kept=drives.kept,
-                repeated=drives.repeated, other=other, other_plate=other_plate, readable=readable, in_values=in_values,
+                repeated=drives.repeated, other=other, plate=self._plate, readable=readable, in_values=in_values,
                 threshold_value=threshold_value, option_words=option_words, thresholds=THRESHOLDS, options=OPTIONS,
             )
         )  # fmt: skip
