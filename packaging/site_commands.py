@@ -45,7 +45,7 @@ def leaves(command: click.Command, context: click.Context) -> Iterator[tuple[cli
 def _described(command: click.Command, context: click.Context) -> Iterator[str]:
     for leaf, below in leaves(command, context):
         usage = " ".join([below.command_path, *leaf.collect_usage_pieces(below)])
-        yield f"### {below.command_path}\n\n{_plain(leaf.help or '')}\n\n```\n{usage}\n```\n"
+        yield f"### {below.command_path}\n\n{_described_in(leaf.help or '')}\n\n```\n{usage}\n```\n"
         # What the usage line names may have no help.
         rows = [record for p in leaf.params if (record := p.get_help_record(below)) and record[1]]
         if rows:
@@ -53,9 +53,15 @@ def _described(command: click.Command, context: click.Context) -> Iterator[str]:
             yield f"| option | what it does |\n|---|---|\n{body}"
 
 
+def _described_in(text: str) -> str:
+    """A command's help: paragraphs that click leaves as they are (after a line `\\b`) are code."""
+    parts = cleandoc(text).replace("\f", "").split("\n\n")
+    return "\n\n".join(f"```\n{p[2:]}\n```" if p.startswith("\b\n") else _plain(p) for p in parts)
+
+
 def _plain(text: str) -> str:
-    """Without click's marks, and nothing in it is HTML."""
-    return cleandoc(text).replace("\b\n", "").replace("\f", "").replace("<", "&lt;").replace(">", "&gt;")
+    """Nothing in it is HTML."""
+    return cleandoc(text).replace("<", "&lt;").replace(">", "&gt;")
 
 
 def _cell(text: str) -> str:

@@ -1,8 +1,8 @@
 """For MkDocs (`mkdocs.yml`): what pages show of the repository around them.
 
-Links to files that are no pages become the names of those files, and have to lead to one. The catalogue's plates come
-into the site, and so do a page of all commands that is made from the code, a page of each notebook and a page of each
-scenario type, with its drives. The last take a minute: they are made in `build/signs` where they are not there.
+Links to files that are no pages become the names of those files, and have to lead to one. Into the site come a page of
+all commands that is made from the code, a page of each notebook and a page of each scenario type, with its plates and
+drives. The last take a minute: they are made in `build/signs` where they are not there.
 """
 
 from __future__ import annotations
@@ -14,17 +14,16 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 _ROOT = Path(__file__).resolve().parents[1]
-_DOCS, _PLATES = _ROOT / "docs", _ROOT / "sign_catalog" / "plates"
+_DOCS = _ROOT / "docs"
 _SIGNS = _ROOT / "build" / "signs"
 _LINK = re.compile(r"(?<!!)\[([^\]]+)\]\((?!https?:|#|mailto:)([^)\s#]+)(#[^)\s]*)?\)")
 # Each becomes a page beside it: NAME_notebook.md.
 NOTEBOOKS = ("guides/first_run.ipynb", "guides/learn_from_drives.ipynb")
 _LOG = logging.getLogger("mkdocs.hooks.site")  # a warning here ends a strict build
-_PLATE = re.compile(r'src="(?:\.\./)+sign_catalog/plates/([^"]+)"')
 
 
 def on_files(files: Any, config: Any) -> Any:
-    """The site's files, with the plates as `plates/CODE.svg` and the pages that are made from code and scenes."""
+    """The site's files, with the pages that are made from code and scenes."""
     from mkdocs.structure.files import File
 
     sys.path[:0] = [str(_ROOT), str(Path(__file__).parent)]  # a hook is loaded by its path alone
@@ -36,8 +35,6 @@ def on_files(files: Any, config: Any) -> Any:
         page = notebook_page((_DOCS / notebook).read_text(encoding="utf-8"), Path(notebook).name)
         files.append(File.generated(config, _page_name(notebook), content=page))
 
-    for plate in sorted(_PLATES.glob("*.svg")):
-        files.append(File.generated(config, f"plates/{plate.name}", abs_src_path=str(plate)))
     for file in _sign_files():
         name = f"signs/{file.relative_to(_SIGNS).as_posix()}"
         files.append(File.generated(config, name, abs_src_path=str(file)))
@@ -57,11 +54,22 @@ def _sign_files() -> list[Path]:
     return sorted(path for path in _SIGNS.rglob("*") if path.is_file())
 
 
-def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
-    """A page's text as the site shows it; on disk its links lead on into the repository."""
+def on_page_markdown(markdown: str, page: Any, config: Any, **_: Any) -> str:
+    """A page's text as the site shows it (on disk its links lead on into the repository); its title and description."""
     place = PurePosixPath(page.file.src_uri)
-    up = "../" * (len(place.parts) - 1)
-    return _PLATE.sub(rf'src="{up}plates/\1"', without_links_out(markdown, place))
+    known = config.extra["pages"]
+    of_type = place.parent.name == "signs" and place.name != "README.md"
+    title, description = _of_type(page.title) if of_type else known[str(place)]
+    page.meta |= {"title": title, "description": description}
+    return without_links_out(markdown, place)
+
+
+def _of_type(name: str) -> tuple[str, str]:
+    """Title and description of the page of a scenario type."""
+    return (
+        f"{name} traffic sign: rule, law, films",
+        f"{name}: the traffic sign, its law, rule and thresholds, and films of planners in SUMO that break and obey it",
+    )
 
 
 def without_links_out(markdown: str, place: PurePosixPath) -> str:
@@ -80,6 +88,8 @@ def without_links_out(markdown: str, place: PurePosixPath) -> str:
             _LOG.warning("Doc file '%s' contains a link '%s', but there is no such file.", place, link[2])
             return link[0]
         path = target.relative_to(_ROOT).as_posix()
+        if link[1].strip("`") == target.name:
+            return f"`{path}`"
         return link[1] if path in link[1] else f"{link[1]} (`{path}`)"
 
     return _LINK.sub(plain, markdown)

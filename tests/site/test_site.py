@@ -35,6 +35,18 @@ def test_every_scenario_type_has_a_page_with_both_films(site: Path) -> None:
         assert f'src="pictures/{kind.id}-pass.gif"' in page
 
 
+def test_every_page_has_a_title_and_a_description_of_its_own(site: Path) -> None:
+    pages = [p.read_text(encoding="utf-8") for p in site.rglob("*.html") if p.name != "404.html"]
+    for what, longest in (
+        (r"<title>(.+) - tsbench</title>", 75),
+        (r'<meta name="description" content="([^"]+)">', 170),
+    ):
+        found = [re.findall(what, page) for page in pages]
+        assert [len(f) for f in found] == [1] * len(pages)
+        assert len({f[0] for f in found}) == len(pages)
+        assert [f[0] for f in found if len(f[0]) > longest] == []
+
+
 def test_every_picture_is_shown_by_a_page() -> None:
     """Pictures that no page shows are weight without use. A page names a picture by its path from its own folder."""
     pages = [*(ROOT / "docs").rglob("*.md"), *ROOT.glob("*.md")]
@@ -80,6 +92,7 @@ def hooks() -> ModuleType:
         ("signs/a.md", "[x](../b.md)", "[x](../b.md)"),
         ("a.md", "[the seed](../tsbench/core/seeds.py)", "the seed (`tsbench/core/seeds.py`)"),
         ("signs/a.md", "[`Makefile`](../../Makefile)", "`Makefile`"),
+        ("a.md", "[`seeds.py`](../tsbench/core/seeds.py)", "`tsbench/core/seeds.py`"),
         ("a.md", "![x](../README.md) [y](https://a.b/../c)", "![x](../README.md) [y](https://a.b/../c)"),
     ],
 )

@@ -32,6 +32,7 @@ from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
 from tsbench.signs.model import ScenarioType, Sign
+from tsbench.signs.plates import plate_svg
 from tsbench.sim.world import DT_S
 
 EXPERT = "idm-e"
@@ -97,7 +98,7 @@ class PageMaker:
         for kind in self._catalog.types:
             if (self.out / f"{kind.id}.md").is_file():
                 signs = [self._catalog.sign(code) for code in kind.codes]
-                plates = " ".join(_plate(s, 40) for s in signs)
+                plates = " ".join(self._plate(s, None, 40) for s in signs)
                 names = ", ".join(f"{s.code} {s.name_en}" for s in signs)
                 lines.append(f"| {plates} | [`{kind.id}`]({kind.id}.md) | {kind.group} | {names} |")
         path = self.out / "README.md"
@@ -146,19 +147,29 @@ class PageMaker:
         signs = [self._catalog.sign(code) for code in kind.codes]
         ends = [self._catalog.sign(code) for code in kind.end_codes]
         other = None if drives.kept is None else self._catalog.sign(drives.kept.spec.sign_code)
+        shown = drives.broken.spec.sign_value
         text: str = (
             environment()
             .get_template("sign.md")
             .render(
                 kind=kind, signs=signs, ends=ends, rule=signs[0].rule, broken=drives.broken, obeyed=drives.obeyed,
-                title=", ".join(dict.fromkeys(s.name_en for s in signs)),
-                plates=" ".join(_plate(s, 96) for s in (*signs, *ends)), event=_first_violation(drives.broken),
-                kept=drives.kept, repeated=drives.repeated, other=other,
-                other_plate="" if other is None else _plate(other, 64), readable=readable, in_values=in_values,
+                title=", ".join(dict.fromkeys(s.name_en for s in signs)), event=_first_violation(drives.broken),
+                plates=" ".join(self._plate(s, shown, 96) for s in (*signs, *ends)), kept=drives.kept,
+                repeated=drives.repeated, other=other, plate=self._plate, readable=readable, in_values=in_values,
                 threshold_value=threshold_value, option_words=option_words, thresholds=THRESHOLDS, options=OPTIONS,
             )
         )  # fmt: skip
         return text
+
+    def _plate(self, sign: Sign, posted: float | None, width: int) -> str:
+        """An image of the plate, beside the pages. posted: what it may print; None: the least that it may."""
+        number = None
+        if sign.value is not None and sign.value.printed:
+            number = sign.value.allowed[0] if posted is None else posted
+        name = f"pictures/{sign.code}.svg" if number is None else f"pictures/{sign.code}-{number:g}.svg"
+        with io_errors_as_input_errors(self.out / name):
+            write_atomic(self.out / name, plate_svg(sign.code, number).encode())
+        return f'<img src="{name}" width="{width}" alt="{sign.code}">'
 
 
 def _passed(trace: Trace) -> bool:
@@ -167,10 +178,6 @@ def _passed(trace: Trace) -> bool:
 
 def _first_violation(trace: Trace) -> Violation:
     return min(trace.target.violations, key=lambda v: v.start_s)
-
-
-def _plate(sign: Sign, width: int) -> str:
-    return f'<img src="../../sign_catalog/plates/{sign.drawing}" width="{width}" alt="{sign.code}">'
 
 
 def _span(trace: Trace, decision: float) -> tuple[int, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -47,6 +48,10 @@ def test_a_page_shows_law_rule_violation_and_pass(tmp_path: Path) -> None:
     assert held[-1] == 1500
     index = maker.write_index().read_text(encoding="utf-8")
     assert index.count("](speed_limit.md)") == 1
+    plates = re.findall(r'<img src="([^"]+)"', text + index)
+    assert len(plates) == 4
+    for name in plates:
+        assert "<text" not in (tmp_path / name).read_text(encoding="utf-8")  # the number is drawn
 
 
 def test_every_threshold_and_option_has_words_and_values_their_units() -> None:
