@@ -40,7 +40,7 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=20, help="of each group")
     parser.add_argument("--run", type=Path, help="a run of one planner with --trace all")
     asked = parser.parse_args()
-    pairs = pairs_of(DataSet.in_use().table(asked.split))
+    pairs = pairs_of(DataSet.driven().table(asked.split))
     first = {signed.pair_type: (signed, other) for signed, other in reversed(pairs) if signed.variant == 0}
     _save(asked.out, "types", [first[name] for name in sorted(first)], asked.run)
     groups = defaultdict(list)
@@ -87,9 +87,9 @@ def _panels(pairs: Sequence[tuple[ScenarioSpec, ScenarioSpec | None]], run: Path
 
 
 def _panel(row: ScenarioSpec, other: ScenarioSpec | None, run: Path | None) -> Panel:
-    scene, text = load_scene(DataSet.in_use(), row), f"{row.scenario_id}\nsign {row.sign_code} {row.half}"
+    scene, text = load_scene(DataSet.driven(), row), f"{row.scenario_id}\nsign {row.sign_code} {row.half}"
     if run is None:
-        beside = None if other is None else load_scene(DataSet.in_use(), other)
+        beside = None if other is None else load_scene(DataSet.driven(), other)
         page = scene_picture(scene, row.scenario_id, _VIEW, map_id=row.map_id, beside=beside)
         return text, np.ascontiguousarray(page[_VIEW.header_px : -_VIEW.footer_px])
     traces = Traces(read_run(run))

@@ -29,8 +29,8 @@ def main(count: int) -> None:
     for _ in range(2):
         cluster.add_node(num_cpus=1)
     os.environ["RAY_ADDRESS"] = cluster.address
-    rows = DataSet.in_use().table("test")[:count]
-    contract = contract_hash(DataSet.in_use().table("test"), load_catalog())
+    rows = DataSet().table("test")[:count]
+    contract = contract_hash(DataSet().table("test"), load_catalog())
     kept: list[object] = []
     with RayExecutor(2, count, Limits()) as pool, tempfile.TemporaryDirectory() as out:
         (who,) = pool.probe(["fake_planners:Good"])

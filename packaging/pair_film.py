@@ -27,7 +27,6 @@ from tsbench.run.run_traces import Traces
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plates import plate_rgba
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S
@@ -44,8 +43,8 @@ _NEAR_M = 21.0
 
 def main(run: str, pair: str, out: str, *planners: str) -> None:
     """Draw the film of these planners, one row each, in their order."""
-    halves = [row for row in DataSet.in_use().table(SPLIT) if row.pair_id == pair]
-    scenes = [load_scene(DataSet.in_use(), row) for row in halves]
+    halves = [row for row in DataSet().table(SPLIT) if row.pair_id == pair]
+    scenes = [load_scene(DataSet(), row) for row in halves]
     kept = Traces(read_run(Path(run)))
     traces = [[kept.read(planner, row.scenario_id) for row in halves] for planner in planners]
     pages, durations = zip(*film(halves, scenes, traces), strict=True)
@@ -118,9 +117,10 @@ def _around(scene: Scene, traces: Sequence[Sequence[Trace]]) -> Array:
 
 def _head(head: Image, half: ScenarioSpec) -> None:
     """The plate of a half, and what it is called."""
-    plate = plate_rgba(half.sign_code, half.sign_value, _PLATE_PX)
+    artwork = DataSet().artwork()
+    plate = plate_rgba(artwork, half.sign_code, half.sign_value, _PLATE_PX)
     paste(head, 0, 6, plate[..., :3], plate[..., 3])
-    name = load_catalog().sign(half.sign_code).name_en
+    name = artwork.catalog.sign(half.sign_code).name_en
     write(head, _PLATE_PX + 14, 18, name, 24, STYLE.ink, bold=True)
     write(head, _PLATE_PX + 14, 52, f"sign {half.sign_code}, {half.half} half", 15, STYLE.faint)
 

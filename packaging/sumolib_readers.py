@@ -57,8 +57,8 @@ def unlike(network: RoadNetwork, net: sumolib.net.Net) -> int:
 
 
 def main(extract: str) -> None:
-    rows = [row for row in DataSet.in_use().table("dev") if row.variant == 0][::6]
-    store = SceneStore(DataSet.in_use())
+    rows = [row for row in DataSet().table("dev") if row.variant == 0][::6]
+    store = SceneStore(DataSet())
     with tempfile.TemporaryDirectory(prefix="tsbench-sumolib-") as name:
         folder = Path(name)
         nets: list[Path] = []
@@ -82,7 +82,7 @@ def main(extract: str) -> None:
             len(scenes),
             "the tree alone",
         )
-        convert_to_plain(find_extract(extract, sources_dir()), folder)
+        convert_to_plain(DataSet(), find_extract(DataSet(), extract, sources_dir()), folder)
         files = (folder / "net.nod.xml", folder / "net.edg.xml")
         told(
             f"plain XML of {extract}, {files[1].stat().st_size / 1e6:.1f} MB of edges",

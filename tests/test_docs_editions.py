@@ -16,7 +16,7 @@ PAGES = [ROOT / "README.md", *sorted(DOCS.rglob("*.md"))]
 _CONTRACT = re.compile(r"[Cc]ontract `([0-9a-f]{64})`")
 _FIRST_LINES = 6
 
-IN_FORCE = in_force(DataSet.in_use())
+IN_FORCE = in_force(DataSet())
 OTHERS = [edition for edition in editions() if edition.name != IN_FORCE.name]
 
 

@@ -37,7 +37,7 @@ IMPERFECT = ("reader", "poor")
 def pairs() -> list[list[ScenarioSpec]]:
     """The halves of the first pair of each type of dev, types in order."""
     found: dict[str, dict[str, list[ScenarioSpec]]] = {}
-    for row in sorted(DataSet.in_use().table("dev"), key=lambda row: row.scenario_id):
+    for row in sorted(DataSet().table("dev"), key=lambda row: row.scenario_id):
         found.setdefault(row.pair_type, {}).setdefault(row.pair_id or row.scenario_id, []).append(row)
     return [next(iter(of_type.values())) for _, of_type in sorted(found.items())]
 

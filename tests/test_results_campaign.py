@@ -38,7 +38,7 @@ def test_the_kept_runs_are_those_of_the_file() -> None:
         assert manifest is not None
         kept = {"perception": EXACT, **manifest["asked"], "city": manifest["effective"].get("city", OWN_CITY)}
         with options_of(one, {}, FILE) as given:
-            asked = {**given, "city": DataSet.in_use().name, "types": list(given["types"])}
+            asked = {**given, "city": DataSet().name, "types": list(given["types"])}
         for drives in (asked, kept):
             drives["planners"] = [spec.rpartition(":")[2] for spec in drives["planners"]]
         where = {"workers", "executor", "out"}
@@ -101,5 +101,5 @@ def test_every_step_on_four_pairs(
     assert list(found) == [("drivers", "idm"), ("drivers", "idm-e"), ("town", "idm-e")]
     assert found["drivers", "idm"] < found["drivers", "idm-e"]
     assert rows[1:3] + rows[4:] == [[name, f"{figure:.1f}"] for (_, name), figure in found.items()]
-    contract = standing_contract(contract_hash(DataSet.in_use().table("dev"), load_catalog()))
+    contract = standing_contract(contract_hash(DataSet().table("dev"), load_catalog()))
     assert f"Contract `{contract}`." in page.read_text()

@@ -14,7 +14,7 @@ import pytest
 
 import tsbench
 from tsbench.cli.campaign import read_campaign
-from tsbench.core.paths import OWN_CITY, using_city
+from tsbench.core.paths import OWN_CITY
 from tsbench.report.analyses.failures import CAUSES
 from tsbench.run.edition import (
     built_editions,
@@ -46,12 +46,10 @@ def runs() -> list[StoredRun]:
 @cache
 def contract_of_test(city: str) -> str:
     """That of the edition's results."""
-    with using_city(city):
-        (edition,) = [e for e in (*editions(), *built_editions()) if e.name == edition_now(DataSet.in_use())] or [
-            in_force(DataSet.in_use())
-        ]
-        kept = edition.kept("test")
-        return mirrored_contract(kept) if DataSet.in_use().mirrored else kept
+    town = DataSet.named(city)
+    (edition,) = [e for e in (*editions(), *built_editions()) if e.name == edition_now(town)] or [in_force(town)]
+    kept = edition.kept("test")
+    return mirrored_contract(kept) if town.mirrored else kept
 
 
 def test_each_is_whole_and_of_the_edition_in_force(runs: list[StoredRun]) -> None:
@@ -59,13 +57,9 @@ def test_each_is_whole_and_of_the_edition_in_force(runs: list[StoredRun]) -> Non
         assert run.manifest["status"] == "complete"
         assert not any(run.holes(name) for name in run.asked)
         assert run.manifest["effective"]["variants"] == "one-per-map"
-        with using_city(run.manifest["effective"].get("city", OWN_CITY)):
-            assert (
-                run.manifest["edition"]
-                == edition_of(run.contract, "", DataSet.in_use())
-                == edition_now(DataSet.in_use())
-            )
-            assert standing_contract(run.contract) == contract_of_test(DataSet.in_use().name)
+        town = DataSet.named(run.manifest["effective"].get("city", OWN_CITY))
+        assert run.manifest["edition"] == edition_of(run.contract, "", town) == edition_now(town)
+        assert standing_contract(run.contract) == contract_of_test(town.name)
 
 
 def test_none_tells_of_the_folders_of_who_drove_it() -> None:

@@ -14,24 +14,15 @@ from submitted import TOWN, edition
 import tsbench
 from tsbench.board import submit
 from tsbench.board.submission import Submission
-from tsbench.core.paths import CITY, using_city
 from tsbench.run.log import read
 
 WHO = {"title": "", "authors": "somebody", "url": "", "note": "", "third_party": False, "shared_process": True}
 
 
-@pytest.fixture(autouse=True)
-def in_town(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whoever asks for that run is in its town."""
-    if "driven" in request.fixturenames:
-        monkeypatch.setenv(CITY, TOWN)
-
-
 @pytest.fixture(scope="session")
 def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
     def drive(out: Path) -> None:
-        with using_city(TOWN):
-            tsbench.evaluate(["idm", "idm-e"], split="dev", out=out / "run", workers=1)
+        tsbench.evaluate(["idm", "idm-e"], split="dev", city=TOWN, out=out / "run", workers=1)
 
     return made_once(tmp_path_factory, "submitted", drive) / "run"
 
@@ -61,7 +52,7 @@ def make(run: Path, released: str) -> Callable[..., Submission]:
 @pytest.fixture(scope="session")
 def honest(driven: Path) -> Callable[..., Submission]:
     """The submissions as the run makes them, made once, with fields of one's own."""
-    with pytest.MonkeyPatch.context() as patch, using_city(TOWN):
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(read, "edition_of", lambda *_: edition())
         made = {name: submit.make_submission(driven, name, **WHO) for name in ("idm", "idm-e")}  # type: ignore[arg-type]
 

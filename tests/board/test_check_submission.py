@@ -51,7 +51,7 @@ def spec(tmp_path: Path) -> str:
 @pytest.fixture
 def released(monkeypatch: pytest.MonkeyPatch) -> None:
     """Code that was changed since the release counts as released."""
-    monkeypatch.setattr(subject, "edition_here", lambda *_: in_force(DataSet.in_use()).name)
+    monkeypatch.setattr(subject, "edition_here", lambda *_: in_force(DataSet()).name)
 
 
 def by_topic(found: list[Finding]) -> dict[str, Finding]:
@@ -66,7 +66,7 @@ def test_a_planner_that_may_be_submitted_has_no_problem(spec: str, released: Non
     found = check(f"{spec}:Steady")
     assert {finding.level for finding in found.values()} <= {Level.OK, Level.NOTE}
     assert {"contract", "isolation", "code", "determinism"} <= found.keys()
-    assert in_force(DataSet.in_use()).name in found["contract"].text
+    assert in_force(DataSet()).name in found["contract"].text
     assert found["determinism"].level is found["code"].level is Level.OK
 
 
@@ -91,7 +91,7 @@ def test_one_that_does_not_come_up_says_why_and_drives_nothing(spec: str, releas
 
 
 def test_changed_code_is_refused_before_anything_is_driven(spec: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(subject, "edition_here", lambda *_: f"{in_force(DataSet.in_use()).name}{LOCAL}")
+    monkeypatch.setattr(subject, "edition_here", lambda *_: f"{in_force(DataSet()).name}{LOCAL}")
     found = check(f"{spec}:Hopeless")
     assert found["contract"].level is Level.PROBLEM
     assert "submit refuses" in found["contract"].text

@@ -20,15 +20,13 @@ from tsbench.board.submission import Submission, SubmittedEpisode
 from tsbench.board.verification import Mismatch, Verification, draw
 from tsbench.cli import main
 from tsbench.core.errors import InputError
-from tsbench.core.paths import using_city
 from tsbench.episode.perception_level import load_level
 from tsbench.run.edition import contract_now
 from tsbench.scenarios.data_set import DataSet
 
 Make = Callable[..., Submission]
-with using_city(TOWN):
-    ROWS = DataSet.in_use().table("dev")
-    CONTRACT = contract_now(DataSet.in_use(), "dev")
+ROWS = DataSet(TOWN).table("dev")
+CONTRACT = contract_now(DataSet(TOWN), "dev")
 DEV, DEV_ROWS = sorted(row.scenario_id for row in ROWS), len(ROWS)
 
 

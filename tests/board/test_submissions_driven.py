@@ -10,7 +10,7 @@ import os
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -21,15 +21,13 @@ import tsbench
 from tsbench.board.submission import read_submission
 from tsbench.board.verification import read_verification
 from tsbench.core.files import sha256_of
-from tsbench.core.paths import using_city
 from tsbench.run.edition import LOCAL, contract_hash, edition_here
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog
 
 ROOT = Path(tsbench.__file__).parent.parent
-with using_city(TOWN):
-    DEV = DataSet.in_use().table("dev")
-    CHANGED = edition_here(contract_hash(DEV, load_catalog()), DataSet.in_use()).endswith(LOCAL)
+DEV = DataSet(TOWN).table("dev")
+CHANGED = edition_here(contract_hash(DEV, load_catalog()), DataSet(TOWN)).endswith(LOCAL)
 ZEROED_BYTES = 4096
 SAMPLE = ("--sample", "16", "--seed", "20261", "--workers", "2")
 # What a processor without FMA and AVX chooses: the C library's, torch's, MKL's and OpenBLAS' kernels.
@@ -48,12 +46,6 @@ pytestmark = [
     pytest.mark.timeout(3600),
     pytest.mark.skipif(CHANGED, reason="code or data were changed since the release: nothing can be submitted"),
 ]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def in_town() -> Iterator[None]:
-    with using_city(TOWN):
-        yield
 
 
 def command(*arguments: object, expect: int = 0, **settings: str) -> str:
@@ -79,7 +71,22 @@ def spec(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactor
 @pytest.fixture(scope="module")
 def run(spec: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("driven") / "run"
-    command("run", "--planner", spec, "--split", "dev", "--isolate", "--trace", "all", "--workers", "2", "--out", out)
+    command(
+        "run",
+        "--city",
+        TOWN,
+        "--planner",
+        spec,
+        "--split",
+        "dev",
+        "--isolate",
+        "--trace",
+        "all",
+        "--workers",
+        "2",
+        "--out",
+        out,
+    )
     return out
 
 
@@ -132,7 +139,7 @@ def test_other_weights_are_found(tmp_path: Path) -> None:
     (tmp_path / "mine.py").write_text(MINE)
     planner, out = f"{tmp_path / 'mine.py'}:Mine", tmp_path / "run"
     few = ("--types", "yield", "--split", "dev", "--isolate", "--workers", "1", "--trace", "none")
-    command("run", "--planner", planner, *few, "--out", out)
+    command("run", "--city", TOWN, "--planner", planner, *few, "--out", out)
     honest = command("verify", out, "--sample", "2", "--seed", "1", "--workers", "1")
     assert honest.splitlines()[-1] == "confirmed"
 

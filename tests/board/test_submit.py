@@ -18,15 +18,13 @@ from tsbench.board.submission import Submission, episode_of, figures_of, json_sc
 from tsbench.board.submit import make_submission
 from tsbench.core.errors import InputError
 from tsbench.core.parquet import OSM_LICENCE
-from tsbench.core.paths import using_city
 from tsbench.episode.perception_level import Perception, load_level
 from tsbench.run.edition import LOCAL
 from tsbench.run.log import read
 from tsbench.scenarios.data_set import DataSet
 
 Make = Callable[..., Submission]
-with using_city(TOWN):
-    DEV_ROWS = len(DataSet.in_use().table("dev"))
+DEV_ROWS = len(DataSet(TOWN).table("dev"))
 
 
 def test_it_says_what_the_run_says(run: Path, make: Make, tmp_path: Path) -> None:
@@ -158,7 +156,7 @@ def test_a_missing_episode_is_told(honest: Make) -> None:
     made = honest("idm")
     spared = replace(made, episodes=made.episodes[1:])
     with pytest.raises(InputError, match=r"1 missing .*, 0 of no row"):
-        figures_of(spared.episodes, DataSet.in_use().table("dev"), made.planner, made.contract)
+        figures_of(spared.episodes, DataSet(TOWN).table("dev"), made.planner, made.contract)
 
 
 def test_the_schema_is_of_what_is_written(honest: Make) -> None:

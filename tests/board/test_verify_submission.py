@@ -8,6 +8,7 @@ from pathlib import Path
 
 import hostile
 import pytest
+from submitted import TOWN
 
 import tsbench
 from tsbench.board.claim import claim_of, claims_of
@@ -35,7 +36,7 @@ def whats(found: Verification) -> str:
 
 
 def with_figures(submission: Submission) -> Submission:
-    table = DataSet.in_use().table("dev")
+    table = DataSet(TOWN).table("dev")
     figures = figures_of(submission.episodes, table, submission.planner, submission.contract)
     return replace(submission, figures=figures)
 
@@ -55,7 +56,7 @@ def test_an_honest_one_is_confirmed_byte_for_byte(honest: Make, tmp_path: Path) 
             read_verification(tmp_path / "record.json")
     # The draw is the verifier's: by the seed, and nothing else.
     (tmp_path / "idm.json").write_text(honest("idm").to_json())
-    claim, table = claim_of(tmp_path / "idm.json"), DataSet.in_use().table("dev")
+    claim, table = claim_of(tmp_path / "idm.json"), DataSet(TOWN).table("dev")
     drawn = [tuple(row.scenario_id for row in draw(claim.contract, claim.episodes, table, 2, seed)) for seed in (3, 4)]
     assert drawn[0] == found.driven != drawn[1]
 

@@ -175,7 +175,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
 
 @pytest.mark.slow
 def test_it_drives_as_published_and_the_same_again(wheel: Path) -> None:
-    rows = [row for row in DataSet.in_use().table("dev") if row.scenario_type in ("no_entry", "speed_limit", "yield")]
+    rows = [row for row in DataSet().table("dev") if row.scenario_type in ("no_entry", "speed_limit", "yield")]
     runner = EpisodeRunner(resolve("metadrive-ppo"))
     first = [runner.run(row) for row in rows[:5]]
     again = [runner.run(row) for row in rows[:5]]

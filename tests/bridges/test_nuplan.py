@@ -373,7 +373,7 @@ KINDS = ("speed_limit", "no_turn_left", "yield", "crosswalk", "one_way_right")
 
 def drive_scenes(planner: LoadedPlanner, kinds: Sequence[str]) -> list[str]:
     """Outcomes in the first dev scene of each type, without its plate. Fails at an error."""
-    rows = [row for row in DataSet.in_use().table("dev") if row.half == CONTRAST]
+    rows = [row for row in DataSet().table("dev") if row.half == CONTRAST]
     runner = EpisodeRunner(planner)
     driven = [runner.run(next(row for row in rows if row.pair_type == kind)) for kind in kinds]
     runner.close()

@@ -120,7 +120,7 @@ FIVE = ("speed_limit", "no_turn_left", "yield", "crosswalk", "one_way_right")
 
 
 def test_it_drives_five_scenes_and_the_same_twice() -> None:
-    rows = [row for row in DataSet.in_use().table("dev") if row.half == CONTRAST]
+    rows = [row for row in DataSet().table("dev") if row.half == CONTRAST]
     five = [next(row for row in rows if row.pair_type == kind) for kind in FIVE]
     runner = EpisodeRunner(LoadedPlanner("pdm", Pdm))
     driven = [runner.run(row) for row in five]

@@ -108,7 +108,7 @@ def test_it_drives_by_the_command_that_is_printed(tmp_path: Path, capsys: pytest
     assert f"tsbench run --planner {spec} --split dev" in told
     loaded = resolve(spec)
     assert (loaded.name, loaded.sign_access, loaded.chooses_route) == ("Mine", True, True)
-    row = DataSet.in_use().table("dev")[0]
+    row = DataSet().table("dev")[0]
     first, second = (EpisodeRunner(loaded).run(row) for _ in range(2))
     assert not first.error
     ways = [[(step.ego.x, step.ego.y) for step in one.facts.snapshots] for one in (first, second) if one.facts]

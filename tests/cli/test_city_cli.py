@@ -20,8 +20,7 @@ from town import EAST, Town, make_town
 import tsbench
 from tsbench.cli import main
 from tsbench.core import paths as repository_paths
-from tsbench.core.errors import InputError
-from tsbench.core.paths import CITY, using_city
+from tsbench.core.paths import CITY
 from tsbench.learn.envs.drive_env import DriveEnv
 from tsbench.make.maps.utm import UtmFrame
 from tsbench.make.seeds import SECRET, rng_of, root_sequence, seed_of, using_secret
@@ -71,7 +70,7 @@ def call(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> 
         main(list(arguments))
     told = capsys.readouterr()
     assert ended.value.code == code, told.out + told.err
-    assert DataSet.in_use().name == "moscow", "a command leaves its city behind"
+    assert DataSet().name == "moscow", "a command leaves its city behind"
     if code:
         assert told.err.strip().count("\n") == 0, told.err
     return told.out + told.err
@@ -122,10 +121,10 @@ def test_from_an_extract_to_a_table(clone: Path, tmp_path: Path, capsys: pytest.
     )
     shown_episode = traced.show(traced.episodes["scenario_id"][0])
     assert shown_episode.frame.startswith(b"\x89PNG")
-    with using_city("nowhere"):
-        assert edition_now(DataSet.in_use()) == name
-        assert edition_of(contract_now(DataSet.in_use(), "dev"), "", DataSet.in_use()) == name
-        assert edition_of("f" * 64, "", DataSet.in_use()) == f"{name}+local"
+    town = DataSet.named("nowhere")
+    assert edition_now(town) == name
+    assert edition_of(contract_now(town, "dev"), "", town) == name
+    assert edition_of("f" * 64, "", town) == f"{name}+local"
 
 
 def described(clone: Path, name: str, content: bytes, **more: str) -> None:
@@ -175,12 +174,11 @@ def test_a_town_with_traffic_on_the_left(
     scenarios = tsbench.load_scenarios("dev", city="leftown")
     assert scenarios[0].network.left_hand
     monkeypatch.setenv("TSBENCH_CITY", "leftown")
-    with pytest.raises(InputError, match="leftown: is stored in a mirror; name mirrored-leftown"):
-        tsbench.evaluate("idm", split="dev", limit=1, workers=1, out=tmp_path / "wrong")
-    with pytest.raises(InputError, match="leftown: is stored in a mirror"):
-        DriveEnv(split="dev")
-    with pytest.raises(InputError, match="leftown: is stored in a mirror"):
-        tsbench.load_scenarios("dev")
+    assert tsbench.load_scenarios("dev")[0].network.left_hand
+    assert DriveEnv(split="dev")._data.name == "mirrored-leftown"
+    assert "edition mirrored-leftown" in call(
+        capsys, "run", "--split", "dev", "--limit", "1", *drivers, "--out", str(tmp_path / "told")
+    )
 
 
 def test_a_city_without_any_scene_says_why_in_one_line(clone: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -19,7 +19,7 @@ from tsbench.run.log.read import read_run
 from tsbench.scenarios.data_set import DataSet
 
 # Made-up contracts are nobody's edition.
-LOCAL = f"{in_force(DataSet.in_use()).name}+local"
+LOCAL = f"{in_force(DataSet()).name}+local"
 
 
 @pytest.fixture

@@ -247,7 +247,7 @@ def test_data_that_is_none(
 def test_a_build_report_that_is_none(tmp_path: Path, thing: str) -> None:
     spoil(tmp_path / "build_report.json", thing)
     with pytest.raises(InputError, match=r"build_report\.json: "):
-        build_report(tmp_path)
+        build_report(tmp_path / "build_report.json")
 
 
 def test_a_table_that_says_it_is_endless(run: Path, tsbench: Command, monkeypatch: pytest.MonkeyPatch) -> None:

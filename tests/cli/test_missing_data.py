@@ -84,7 +84,7 @@ def test_fine_tuning_without_the_oracle(lacking: Path, capsys: pytest.CaptureFix
 def test_a_split_that_a_city_does_not_have(monkeypatch: pytest.MonkeyPatch) -> None:
     """No command brings it: the line names the splits that are there."""
     monkeypatch.setenv("TSBENCH_CITY", "andorra")
-    there = ", ".join(DataSet.in_use().splits)
+    there = ", ".join(DataSet.driven().splits)
     assert "train" not in there
     with pytest.raises(InputError, match=f"train.parquet: andorra has no train split; it has {there}$"):
         DriveEnv()

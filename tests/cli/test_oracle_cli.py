@@ -27,7 +27,7 @@ def oracle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Captu
 @pytest.fixture(scope="module")
 def rows() -> list[ScenarioSpec]:
     """The test split's table: the smaller one."""
-    return DataSet.in_use().table("test")
+    return DataSet().table("test")
 
 
 def drive(scenario: str, planner: str, rank: int) -> Recorded:

@@ -75,7 +75,7 @@ class Copies:
 
 
 def test_what_a_planner_is_given() -> None:
-    row = next(row for row in DataSet.in_use().table("dev") if row.pair_type == "yield")
+    row = next(row for row in DataSet().table("dev") if row.pair_type == "yield")
     result = EpisodeRunner(resolve(f"{__file__}:Copies")).run(row)
     assert result.error == ""
     assert result.facts is not None

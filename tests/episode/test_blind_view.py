@@ -24,7 +24,7 @@ Shown = tuple[PlannerContext, Observation]
 @pytest.fixture(scope="module")
 def pairs() -> list[Pair]:
     """Of every paired type in turn one map's first pair, then another map's."""
-    rows = DataSet.in_use().table("test")
+    rows = DataSet().table("test")
     names = {row.scenario_id: row for row in rows}
     queues: dict[str, dict[str, Pair]] = {}
     for row in rows:
@@ -37,7 +37,7 @@ def pairs() -> list[Pair]:
 
 @pytest.fixture(scope="module")
 def loader() -> SceneLoader:
-    return SceneLoader(DataSet.in_use())
+    return SceneLoader(DataSet())
 
 
 def first_look(loader: SceneLoader, row: ScenarioSpec, privileged: bool = False) -> Shown:

@@ -15,14 +15,14 @@ from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.sim.world import Actors, ActorTable, EgoState, WorldSnapshot
 
-LOADER = SceneLoader(DataSet.in_use())
+LOADER = SceneLoader(DataSet())
 
 
 class Watch:
     """An observer of dev's first scene of a type and half, asked from places of the test's choice."""
 
     def __init__(self, kind: str, half: str = "signed", perception: Perception | None = None) -> None:
-        rows = DataSet.in_use().table("dev")
+        rows = DataSet().table("dev")
         row = next(r for r in rows if (r.scenario_type, r.half) == (kind, half))
         self.scene, roads = LOADER.load(row)
         self._observer = Observer(self.scene, roads.view, perception or Perception())

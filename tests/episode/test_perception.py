@@ -75,8 +75,8 @@ def parked(kind: ActorKind, length: float) -> Actors:
 
 @cache
 def a_map() -> RoadMap:
-    row = DataSet.in_use().table("dev")[0]
-    return SceneLoader(DataSet.in_use()).load(row)[1].view.map
+    row = DataSet().table("dev")[0]
+    return SceneLoader(DataSet()).load(row)[1].view.map
 
 
 def drive(
@@ -247,7 +247,7 @@ def test_levels_of_files(tmp_path: Path) -> None:
 
 def driven(scenarios: list[str], folder: Path) -> dict[str, str]:
     """Hashes of the traces of episodes with poor eyes, driven in this order."""
-    rows = {row.scenario_id: row for row in DataSet.in_use().table("dev")}
+    rows = {row.scenario_id: row for row in DataSet().table("dev")}
     perception, hashes = Perception(level=level("poor", false_per_km=20.0)), {}
     runner = EpisodeRunner(resolve("idm"), perception=perception)
     for name in scenarios:
@@ -259,7 +259,7 @@ def driven(scenarios: list[str], folder: Path) -> dict[str, str]:
 
 
 def test_the_same_bytes_in_two_processes_and_in_any_order(tmp_path: Path) -> None:
-    rows = DataSet.in_use().table("dev")
+    rows = DataSet().table("dev")
     pairs = {next(r.pair_id for r in rows if r.scenario_type == kind) for kind in ("speed_limit", "yield")}
     names = [r.scenario_id for r in rows if r.pair_id in pairs]
     here = driven(names, tmp_path)
@@ -276,7 +276,7 @@ def test_the_same_bytes_in_two_processes_and_in_any_order(tmp_path: Path) -> Non
 
 
 def test_exact_tells_nothing_and_keeps_its_bytes(tmp_path: Path) -> None:
-    row = next(r for r in DataSet.in_use().table("dev") if r.scenario_type == "yield")
+    row = next(r for r in DataSet().table("dev") if r.scenario_type == "yield")
     runner = EpisodeRunner(resolve("idm"))
     write_trace(tmp_path / "plain.parquet", runner.run(row))
     runner.close()

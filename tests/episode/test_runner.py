@@ -60,7 +60,7 @@ def on_cross(root: Path):
 
 def runner(root: Path, planner: str, **more: object) -> EpisodeRunner:
     """A runner on the hand-made scenes, with the one simulation of this process."""
-    shared = {"simulation": world.simulation(), "loader": SceneLoader(DataSet.in_use(), SceneFolder(root))}
+    shared = {"simulation": world.simulation(), "loader": SceneLoader(DataSet(), SceneFolder(root))}
     return EpisodeRunner(resolve(f"scripted:{planner}"), **shared, **more)  # type: ignore[arg-type]
 
 
@@ -301,7 +301,7 @@ def test_only_experts_are_told_the_rule(root: Path, on_road) -> None:
 def test_a_floor_gets_a_seed_of_its_row(root: Path, on_road) -> None:
     spec = on_the_road(on_road, "plain")
     loaded = replace(resolve("scripted:Follow"), floor=True)
-    shared = {"simulation": world.simulation(), "loader": SceneLoader(DataSet.in_use(), SceneFolder(root))}
+    shared = {"simulation": world.simulation(), "loader": SceneLoader(DataSet(), SceneFolder(root))}
     EpisodeRunner(loaded, **shared).run(spec)
     assert scripted.Scripted.contexts[-1].seed == floor_seed(spec.scenario_id) != planner_seed(spec.pair_name)
 

@@ -47,7 +47,7 @@ def test_a_scenario_type_is_a_recipe(clone: Copy) -> None:
     assert "35 signs, 30 scenario types" in clone.tsbench("signs list")
 
     shutil.copytree(ROOT / "tests/helpers", clone.root / "tests/helpers")
-    map_id = next(row.map_id for row in DataSet.in_use().table("test") if row.scenario_type == "min_speed")
+    map_id = next(row.map_id for row in DataSet().table("test") if row.scenario_type == "min_speed")
     clone.python("-c", BUILD, map_id)
     told = clone.tsbench(
         "scenarios list --split test",

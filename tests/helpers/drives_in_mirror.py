@@ -9,7 +9,6 @@ import pytest
 from simworld import simulation
 
 from tsbench import Control
-from tsbench.core.paths import MIRRORED, OWN_CITY
 from tsbench.episode.episode import Episode
 from tsbench.episode.outcome import EpisodeFacts, EpisodeResult
 from tsbench.planners.registry import resolve
@@ -23,7 +22,7 @@ from tsbench.sim.world import ActorKind, WorldSnapshot
 
 Place = tuple[float, float, int]
 
-MIRROR = f"{MIRRORED}{OWN_CITY}"
+IMAGE = DataSet(mirrored=True)
 EGO_M = 1e-6
 # What SUMO rounds another way adds up: one car of 108 drives, after 30 s.
 CAR_M = 0.05
@@ -49,7 +48,7 @@ def drive(spec: ScenarioSpec, name: str, said: list[Control]) -> EpisodeResult:
 
 def replay(spec: ScenarioSpec, privileged: bool, said: list[Control]) -> EpisodeResult:
     """The same commands with the steering wheel turned the other way."""
-    loader = SceneLoader(DataSet.named(MIRROR))
+    loader = SceneLoader(IMAGE)
     episode = Episode(spec, planner="mirrored", privileged=privileged, simulation=simulation(), loader=loader)
     for command in said:
         episode.step(replace(command, steering=-command.steering))
@@ -109,7 +108,7 @@ def compared(row: ScenarioSpec, name: str) -> EpisodeResult:
     """The drive of a planner; fails where the image of the drive has another world, outcome or event at any tick."""
     said: list[Control] = []
     result = drive(row, name, said)
-    image = replay(mirrored_row(row, DataSet.named(MIRROR).catalog), resolve(name).privileged, said)
+    image = replay(mirrored_row(row, IMAGE.catalog), resolve(name).privileged, said)
     assert image.outcome == result.outcome, (row.scenario_id, image.error)
     assert result.facts is not None
     assert image.facts is not None

@@ -50,7 +50,7 @@ class ByTable(Honest):
     def attack(self, context):
         from tsbench.core.seeds import planner_seed
 
-        return [row.sign_code for row in DataSet.in_use().table("dev") if planner_seed(row.pair_name) == context.seed]
+        return [row.sign_code for row in DataSet().table("dev") if planner_seed(row.pair_name) == context.seed]
 
 
 class ByFile(Honest):
@@ -488,8 +488,8 @@ def drive(place: str, scenario: str, *names: str) -> None:
     from tsbench.scenarios.scene_loader import SceneLoader
     from tsbench.sim.sumo import Simulation
 
-    (row,) = [row for row in DataSet.in_use().table("dev") if row.scenario_id == scenario]
-    simulation, loader = Simulation(), SceneLoader(DataSet.in_use())
+    (row,) = [row for row in DataSet().table("dev") if row.scenario_id == scenario]
+    simulation, loader = Simulation(), SceneLoader(DataSet())
     for name in names:
         spec, _, seed = name.partition("@")
         spec = f"{Path(__file__).parent}/{spec}" if ":" in spec else f"{__file__}:{spec}"

@@ -78,10 +78,8 @@ class Copy:
 
     def scene(self, scenario_type: str, **changes: object) -> ScenarioSpec:
         """The nominal scene of a type as the only row of the test split; changes: of its row, plate included."""
-        row = next(
-            r for r in DataSet.in_use().table("test") if (r.pair_type, r.half, r.variant) == (scenario_type, SIGNED, 0)
-        )
-        store = SceneStore(DataSet.in_use())
+        row = next(r for r in DataSet().table("test") if (r.pair_type, r.half, r.variant) == (scenario_type, SIGNED, 0))
+        store = SceneStore(DataSet())
         net, additional = (store.read(row, name).content for name in (row.net, row.additional))
         if "sign_code" in changes:
             old, new = (f'key="code" value="{code}"'.encode() for code in (row.sign_code, changes["sign_code"]))

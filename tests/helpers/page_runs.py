@@ -90,4 +90,4 @@ class Loader:
 
 
 def packer(data: DataSet | None = None) -> EpisodePacker:
-    return EpisodePacker(data or DataSet.in_use(), Loader())
+    return EpisodePacker(data or DataSet(), Loader())

@@ -8,4 +8,4 @@ TOWN = "north-bayreuth"
 
 def edition() -> str:
     """Its edition, as pages name it."""
-    return f"{TOWN}-{in_force(DataSet.in_use()).name}"
+    return f"{TOWN}-{in_force(DataSet(TOWN)).name}"

@@ -10,4 +10,4 @@ from tsbench.scenarios.spec import ScenarioSpec
 
 @pytest.fixture(scope="module")
 def rows() -> list[ScenarioSpec]:
-    return DataSet.in_use().table("train")
+    return DataSet().table("train")

@@ -24,7 +24,7 @@ def simulation() -> Iterator[Simulation]:
 
 @pytest.mark.parametrize("name", BLIND)
 def test_masked_signs_change_nothing(name: str, simulation: Simulation) -> None:
-    row = next(r for r in DataSet.in_use().table("test") if r.scenario_type == "yield" and r.density > 0)
+    row = next(r for r in DataSet().table("test") if r.scenario_type == "yield" and r.density > 0)
     commands = [
         EpisodeRunner(registry.resolve(name), perception=Perception(masked=mask), simulation=simulation)
         .run(row)

@@ -13,7 +13,7 @@ from pool_builders import row
 
 from tsbench.core.benchmark import MAPS
 from tsbench.core.errors import InputError
-from tsbench.core.paths import CITY, SHIPPED_CITIES, cities_folder, city_names, data_root, using_city
+from tsbench.core.paths import CITY, SHIPPED_CITIES, cities_folder, city_names, data_root
 from tsbench.make.city import extract_info, fetch_extracts, list_extracts, load_city, netconvert_file, types_file
 from tsbench.make.maps.plain import class_speeds
 from tsbench.make.scenes.overview import carried
@@ -26,8 +26,8 @@ from tsbench.signs.catalog import load_catalog
 @pytest.mark.parametrize("name", city_names())
 def test_every_city_names_a_type_map_and_where_its_extracts_are(name: str) -> None:
     city = load_city(name)
-    with using_city(name):
-        assert types_file().is_file()
+    town = DataSet.named(name)
+    assert types_file(town).is_file()
     assert all(e.address.startswith("https://") and e.licence == "ODbL-1.0" for e in city.extracts)
     assert set(city.maps) <= set(MAPS)
     assert city.split.rest in city.maps
@@ -110,10 +110,10 @@ def test_the_bounds_themselves_are_fine(described: Callable[..., str]) -> None:
 
 
 def test_a_town_may_have_its_country_s_speeds(described: Callable[..., str]) -> None:
-    with using_city(described({"types": "country", "country": "at"})):
-        here = class_speeds(types_file())
-        made = types_file().read_bytes()
-        assert types_file().read_bytes() == made
+    town = DataSet.named(described({"types": "country", "country": "at"}))
+    here = class_speeds(types_file(town))
+    made = types_file(town).read_bytes()
+    assert types_file(town).read_bytes() == made
     town = class_speeds(netconvert_file("town.typ.xml"))
     changed = {road: (town[road], speed) for road, speed in here.items() if speed != town[road]}
     assert changed == {
@@ -141,33 +141,29 @@ def test_a_city_that_nobody_described() -> None:
 
 @pytest.mark.parametrize("name", ["../moscow", "a/b", "Moscow", "-a", "a.b"])
 def test_a_name_leads_nowhere_else(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(InputError, match="a city's name is of a-z, 0-9 and '-'"), using_city(name):
-        pass
+    with pytest.raises(InputError, match="a city's name is of a-z, 0-9 and '-'"):
+        DataSet.named(name)
     monkeypatch.setenv(CITY, name)
     with pytest.raises(InputError, match="a city's name is of a-z, 0-9 and '-'"):
-        DataSet.in_use()
+        DataSet.driven()
 
 
-def test_the_city_in_use_has_its_own_data_and_is_left_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_city_has_its_own_data(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv(CITY, raising=False)
-    own = DataSet.in_use().file("scenarios/test.parquet")
-    assert own == data_root() / "scenarios" / "test.parquet"
-    with using_city("krems"):
-        # What the city does not have is not Moscow's.
-        assert (
-            DataSet.in_use().file("scenarios/test.parquet") == data_root() / "cities/data/krems/scenarios/test.parquet"
-        )
-        with using_city("andorra"):
-            assert DataSet.in_use().name == "andorra"
-        assert (DataSet.in_use().name, extract_info("krems").code) == ("krems", "kre")
-    assert (DataSet.in_use().name, DataSet.in_use().file("scenarios/test.parquet")) == ("moscow", own)
+    assert DataSet.driven().file("scenarios/test.parquet") == data_root() / "scenarios" / "test.parquet"
+    monkeypatch.setenv(CITY, "krems")
+    krems = DataSet.driven()
+    # What the city does not have is not Moscow's.
+    assert krems.file("scenarios/test.parquet") == data_root() / "cities/data/krems/scenarios/test.parquet"
+    assert (krems.name, extract_info(krems, "krems").code) == ("krems", "kre")
+    assert DataSet.driven("andorra").name == "andorra"
 
 
 @pytest.mark.parametrize("name", SHIPPED_CITIES)
 def test_every_row_of_a_town_is_certified_by_a_second_process(name: str) -> None:
-    with using_city(name):
-        rows = [r for split in DataSet.in_use().splits for r in DataSet.in_use().table(split)]
-        proofs = {c.scenario_id: c for c in certificates_of(DataSet.in_use())}
+    town = DataSet.named(name)
+    rows = [r for split in town.splits for r in town.table(split)]
+    proofs = {c.scenario_id: c for c in certificates_of(town)}
     assert proofs.keys() == {r.scenario_id for r in rows}
     for r in rows:
         c = proofs[r.scenario_id]
@@ -175,12 +171,12 @@ def test_every_row_of_a_town_is_certified_by_a_second_process(name: str) -> None
 
 
 def test_only_the_citys_own_extracts_are_taken_and_only_as_they_were(tmp_path: Path) -> None:
-    with using_city("krems"):
-        with pytest.raises(InputError, match=r"no extract 'krems' here .*it is at https://raw"):
-            list_extracts(tmp_path)
-        (tmp_path / "krems.osm.pbf").write_bytes(b"another state")
-        with pytest.raises(InputError, match=r"krems\.osm\.pbf: SHA-256 [0-9a-f]{64} is not that of 'krems'"):
-            list_extracts(tmp_path)
+    town = DataSet.named("krems")
+    with pytest.raises(InputError, match=r"no extract 'krems' here .*it is at https://raw"):
+        list_extracts(town, tmp_path)
+    (tmp_path / "krems.osm.pbf").write_bytes(b"another state")
+    with pytest.raises(InputError, match=r"krems\.osm\.pbf: SHA-256 [0-9a-f]{64} is not that of 'krems'"):
+        list_extracts(town, tmp_path)
 
 
 def test_strangers_in_the_folder_do_not_matter(described: Callable[..., str], tmp_path: Path) -> None:
@@ -191,8 +187,8 @@ def test_strangers_in_the_folder_do_not_matter(described: Callable[..., str], tm
     (folder / "a.osm").write_bytes(b"mine")
     shutil.copy(folder / "a.osm", folder / "b.osm")
     name = described({"extracts": [{**EXTRACT, "sha256": hashlib.sha256(b"mine").hexdigest()}]})
-    with using_city(name):
-        assert list_extracts(folder) == [folder / "a.osm"]
+    town = DataSet.named(name)
+    assert list_extracts(town, folder) == [folder / "a.osm"]
 
 
 def test_an_extract_is_fetched_once_whatever_its_ending(described: Callable[..., str], tmp_path: Path) -> None:
@@ -212,8 +208,8 @@ def test_an_extract_is_fetched_once_whatever_its_ending(described: Callable[...,
     fetch_extracts(name, folder, told.append)
     assert [path.name for path in folder.iterdir()] == ["st.gallen.OSM"]
     assert [line.split(": ")[0] for line in told] == [f"{folder}/st.gallen.osm.xml", f"{folder}/st.gallen.OSM"]
-    with using_city(name):
-        assert list_extracts(folder) == [folder / "st.gallen.OSM"]
+    town = DataSet.named(name)
+    assert list_extracts(town, folder) == [folder / "st.gallen.OSM"]
 
 
 def test_why_a_town_carries_no_more_of_a_type(described: Callable[..., str]) -> None:

@@ -106,9 +106,7 @@ def busy(on_road: SceneMaker) -> ScenarioSpec:
 
 def test_speeds_are_those_of_moving_background_cars(busy: ScenarioSpec, net_folder: Path) -> None:
     seen: list[int] = []
-    speeds = driven_speeds(
-        [busy, busy], simulation(), SceneLoader(DataSet.in_use(), SceneFolder(net_folder)), seen.append
-    )
+    speeds = driven_speeds([busy, busy], simulation(), SceneLoader(DataSet(), SceneFolder(net_folder)), seen.append)
     assert seen == [1, 2]
     # 200 m at 6 m/s, every half second, two cars, twice.
     assert len(speeds) == pytest.approx(2 * 2 * 60, abs=12)

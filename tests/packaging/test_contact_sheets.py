@@ -18,7 +18,7 @@ def script() -> ModuleType:
 
 
 def test_each_pair_has_its_halves_and_a_choice_has_all_types(script: ModuleType) -> None:
-    rows = DataSet.in_use().table("dev")
+    rows = DataSet().table("dev")
     pairs = script.pairs_of(rows)
     assert len(pairs) == sum(row.half != "contrast" for row in rows)
     assert sum(other is not None for _, other in pairs) == sum(row.half == "contrast" for row in rows)
@@ -30,7 +30,7 @@ def test_each_pair_has_its_halves_and_a_choice_has_all_types(script: ModuleType)
 
 
 def test_a_sheet_has_both_halves_side_by_side(script: ModuleType, tmp_path: Path) -> None:
-    pairs = script.pairs_of(DataSet.in_use().table("dev"))[:1]
+    pairs = script.pairs_of(DataSet().table("dev"))[:1]
     script._save(tmp_path, "two", pairs, None)
     with PilImage.open(tmp_path / "two-1.png") as picture:
         assert picture.width > 2 * script._VIEW.width

@@ -86,7 +86,7 @@ def test_the_card_shows_its_tables_to_a_hub(hub: Path) -> None:
     shown = {entry["path"] for config in told["configs"] for entry in config["data_files"]}
     assert {name for name in shown if not (hub / name).is_file()} == set()
     assert {"rows/dev.parquet", "rows/test.parquet", "rows/train.parquet", "rows/holdout.parquet"} <= shown
-    rows = len(DataSet.in_use().table("dev"))
+    rows = len(DataSet().table("dev"))
     assert f"| `rows/dev.parquet` | {rows} |" in text
 
 

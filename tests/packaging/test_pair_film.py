@@ -31,7 +31,7 @@ def script() -> ModuleType:
 @pytest.fixture(scope="module")
 def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Both halves of the pair as a planner drives them that ignores signs, and one that always obeys."""
-    halves = [spec for spec in DataSet.in_use().table("dev") if spec.pair_id == PAIR]
+    halves = [spec for spec in DataSet().table("dev") if spec.pair_id == PAIR]
     records = [episode(name, 0, 0, 0, scenario_id=spec.scenario_id) for name in PLANNERS for spec in halves]
     folder = make_run(tmp_path_factory.mktemp("made") / "run", records)
     for planner in PLANNERS:

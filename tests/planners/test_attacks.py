@@ -71,7 +71,7 @@ def test_who_is_slow_everywhere_keeps_below_what_the_road_allows(episodes: pd.Da
 
 def test_who_rushes_is_let_through_where_no_convoy_hurries(monkeypatch: pytest.MonkeyPatch) -> None:
     """The attack does what it is named for: without what stops it, it passes half of the pairs."""
-    rows_there = [r for r in DataSet.in_use().table("dev") if r.pair_type == "main_road"]
+    rows_there = [r for r in DataSet().table("dev") if r.pair_type == "main_road"]
     assert len({r.pair_id for r in rows_there}) == 10
 
     def passed() -> set[str]:

@@ -86,7 +86,7 @@ def test_the_elderly_driver_starts_late_and_gently() -> None:
 
 @pytest.mark.parametrize("style", STYLES)
 def test_passes_both_halves_of_nominal_pairs(style: type[LegalStyle]) -> None:
-    nominal = [r for r in DataSet.in_use().table("dev") if r.pair_type in TYPES and not r.variant]
+    nominal = [r for r in DataSet().table("dev") if r.pair_type in TYPES and not r.variant]
     rows = [r for kind in TYPES for r in [r for r in nominal if r.pair_type == kind][:2]]
     runner = EpisodeRunner(resolve(f"{style.__module__}:{style.__name__}"))
     records = [make_record(runner.run(row), privileged=True) for row in rows]

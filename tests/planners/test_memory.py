@@ -21,7 +21,7 @@ OWN = [n for n in names() if is_own(place_of(n.removesuffix(EXPERT))) and not n.
 @pytest.fixture(scope="module")
 def rows() -> list[ScenarioSpec]:
     """Both halves of a pair at a junction, and a scene with another plate."""
-    table = DataSet.in_use().table("dev")
+    table = DataSet().table("dev")
     pair = next(row.pair_id for row in table if row.pair_type == "yield")
     other = next(row for row in table if row.pair_type == "speed_limit")
     return [*(row for row in table if row.pair_id == pair), other]

@@ -113,7 +113,7 @@ class Keeping:
 
 def test_what_the_page_says_of_a_drive() -> None:
     planner = Keeping()
-    row = next(row for row in DataSet.in_use().table("dev") if row.scenario_type == "yield" and row.variant == 1)
+    row = next(row for row in DataSet().table("dev") if row.scenario_type == "yield" and row.variant == 1)
     episode = Episode(row, simulation=simulation())
     context = episode.context
     planner.reset(context)

@@ -15,7 +15,7 @@ READER, CAREFUL = (f"tsbench.planners.reader:{name}" for name in ("Reader", "Car
 
 def passed(planner: str, right: float | None, kind: str = "direction_right") -> list[bool]:
     """SCD of the signed and the contrast half of dev's last pair of a type. right: share read; None: exact eyes."""
-    rows = [r for r in DataSet.in_use().table("dev") if r.pair_type == kind]
+    rows = [r for r in DataSet().table("dev") if r.pair_type == kind]
     halves = sorted((r for r in rows if r.pair_id == rows[-1].pair_id), key=lambda r: r.half, reverse=True)
     level = EXACTLY
     if right is not None:

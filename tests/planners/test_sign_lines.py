@@ -90,8 +90,8 @@ def _place(context: PlannerContext, o: Observation, sign: SignView) -> float:
 
 @pytest.fixture(scope="module")
 def looks() -> list[Look]:
-    loader = SceneLoader(DataSet.in_use())
-    rows = [row for row in DataSet.in_use().table("dev") if row.variant == 0]
+    loader = SceneLoader(DataSet())
+    rows = [row for row in DataSet().table("dev") if row.variant == 0]
     return [look for row in rows for look in looks_of(loader, row)]
 
 
@@ -135,7 +135,7 @@ def test_plates_beside_another_road_are_told_by_their_edge_alone(looks: list[Loo
 
 
 def test_a_masked_plate_has_no_line() -> None:
-    row = next(row for row in DataSet.in_use().table("dev") if row.scenario_type == "stop")
+    row = next(row for row in DataSet().table("dev") if row.scenario_type == "stop")
     episode = Episode(row, perception=Perception(masked=True), simulation=simulation())
     context, o = episode.context, episode.observation
     assert o.signs

@@ -32,7 +32,7 @@ from tsbench.sim.scene import Scene
 @pytest.fixture(scope="module")
 def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A trace that was really driven, on a scene of the committed tables."""
-    spec = next(row for row in DataSet.in_use().table("test") if row.scenario_type == "speed_limit")
+    spec = next(row for row in DataSet().table("test") if row.scenario_type == "speed_limit")
     path = tmp_path_factory.mktemp("driven") / "trace.parquet"
     runner = EpisodeRunner(resolve("idm"))
     write_trace(path, runner.run(spec))

@@ -153,7 +153,7 @@ def beside(kinds: list[tuple[str, str]], contract: str) -> str:
 
 def test_published_figures_stand_beside_all_types_of_the_test_split_alone() -> None:
     kinds = [(kind.id, kind.group) for kind in load_catalog().types]
-    contract, published = standing_contract(in_force(DataSet.in_use()).now()["test"]), "idm | published"
+    contract, published = standing_contract(in_force(DataSet()).now()["test"]), "idm | published"
     assert published in beside(kinds, contract)
     # A selection of the types has another mean, other scenes have other figures.
     few = [(kind, group) for kind, group in kinds if kind != "yield" and group != "speed"][:9]

@@ -22,7 +22,7 @@ def drives() -> dict[str, Trace]:
     runner = EpisodeRunner(resolve("idm"))
     wanted = {("yield", half) for half in ("signed", "contrast")}
     found: dict[str, Trace] = {}
-    for row in DataSet.in_use().table("dev"):
+    for row in DataSet().table("dev"):
         name = f"{row.pair_type} {row.half}"
         again = name == "yield signed" and BLOCKED not in found
         if (again or name not in found) and (row.pair_type, row.half) in wanted | {("speed_limit", "signed")}:
@@ -37,7 +37,7 @@ def drives() -> dict[str, Trace]:
 def test_at_the_entry_it_is_what_the_rule_measured(drives: dict[str, Trace]) -> None:
     trace = drives[BLOCKED]
     event = next(e for e in trace.events if e.clause == BLOCKED)
-    curve = times_to_conflict(trace, load_scene(DataSet.in_use(), trace.spec))
+    curve = times_to_conflict(trace, load_scene(DataSet(), trace.spec))
     assert curve is not None
     assert curve[round(event.start_s / DT_S)] == pytest.approx(event.value, abs=1e-9)
     assert curve[0] > FARTHEST_S
@@ -47,7 +47,7 @@ def test_at_the_entry_it_is_what_the_rule_measured(drives: dict[str, Trace]) -> 
 def test_both_halves_of_a_pair_have_the_same_curve(drives: dict[str, Trace]) -> None:
     """Whoever has priority: a driver who reads no sign meets the same cars."""
     curves = [
-        times_to_conflict(trace, load_scene(DataSet.in_use(), trace.spec))
+        times_to_conflict(trace, load_scene(DataSet(), trace.spec))
         for trace in (drives["yield signed"], drives["yield contrast"])
     ]
     assert curves[0] is not None
@@ -59,4 +59,4 @@ def test_both_halves_of_a_pair_have_the_same_curve(drives: dict[str, Trace]) -> 
 
 def test_other_plates_have_none(drives: dict[str, Trace]) -> None:
     trace = drives["speed_limit signed"]
-    assert times_to_conflict(trace, load_scene(DataSet.in_use(), trace.spec)) is None
+    assert times_to_conflict(trace, load_scene(DataSet(), trace.spec)) is None

@@ -23,9 +23,9 @@ EXACT_M, TOUCH_M = 1e-9, 0.011
 @cache
 def crops() -> dict[str, tuple[Path, bytes]]:
     """Of each type the networks of its first dev pair: uncompressed, by name."""
-    store = SceneStore(DataSet.in_use())
+    store = SceneStore(DataSet())
     found: dict[str, SceneFile] = {}
-    for row in DataSet.in_use().table("dev"):
+    for row in DataSet().table("dev"):
         if row.variant == 0:
             found.setdefault(f"{row.pair_type} {row.half}", store.read(row, row.net))
     return {name: (file.path, file.content) for name, file in sorted(found.items())}

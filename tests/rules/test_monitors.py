@@ -188,7 +188,7 @@ def test_context_plates_are_watched_where_they_bind_the_ego() -> None:
 @pytest.mark.parametrize("kind", ["main_road", "secondary_road", "yield"])
 def test_a_drive_has_the_same_verdict_in_either_numbering_of_lanes(kind: str) -> None:
     """The halves' networks number the lanes of their junction differently."""
-    data = DataSet.in_use()
+    data = DataSet()
     loader, runner = SceneLoader(data), EpisodeRunner(resolve("idm"))
     first = next(row for row in data.table("dev") if row.pair_type == kind)
     halves = {row.half: row for row in data.table("dev") if row.pair_id == first.pair_id}

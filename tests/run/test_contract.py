@@ -61,14 +61,11 @@ def forget() -> None:
 )
 def test_a_clone_with_changes_is_local(clone: Path, edit: Callable[[Path], object]) -> None:
     assert not edition.code_is_local()
-    assert edition_here(contract_now(DataSet.in_use(), "dev"), DataSet.in_use()) == DataSet.in_use().editions()["dev"]
+    assert edition_here(contract_now(DataSet(), "dev"), DataSet()) == DataSet().editions()["dev"]
     edit(clone)
     forget()
     assert edition.code_is_local()
-    assert (
-        edition_here(contract_now(DataSet.in_use(), "dev"), DataSet.in_use())
-        == f"{DataSet.in_use().editions()['dev']}+local"
-    )
+    assert edition_here(contract_now(DataSet(), "dev"), DataSet()) == f"{DataSet().editions()['dev']}+local"
 
 
 def test_an_installed_package_is_compared_with_its_record(clone: Path, monkeypatch: pytest.MonkeyPatch) -> None:

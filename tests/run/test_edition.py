@@ -13,7 +13,7 @@ import pytest
 
 import tsbench
 from tsbench.cli.diagnosis import Status, check_edition
-from tsbench.core.paths import MIRRORED, OWN_CITY, SHIPPED_CITIES, using_city
+from tsbench.core.paths import MIRRORED, OWN_CITY, SHIPPED_CITIES
 from tsbench.run import edition
 from tsbench.run.edition import (
     SCORING,
@@ -30,8 +30,8 @@ from tsbench.scenarios.certificates import certificates_of
 from tsbench.scenarios.data_set import DataSet
 
 FEW = ("dev", "holdout")
-SCENES = DataSet.in_use().editions()
-RELEASED = [split for split in DataSet.in_use().splits if split not in earlier_splits(DataSet.in_use())]
+SCENES = DataSet().editions()
+RELEASED = [split for split in DataSet().splits if split not in earlier_splits(DataSet())]
 
 
 @pytest.fixture(autouse=True)
@@ -43,7 +43,7 @@ def _unedited(monkeypatch: pytest.MonkeyPatch) -> None:
 @cache
 def found(split: str) -> str:
     """The contract of a split as it is on disk; reading its rows takes seconds."""
-    return contract_now(DataSet.in_use(), split)
+    return contract_now(DataSet(), split)
 
 
 @pytest.mark.parametrize("split", RELEASED)
@@ -51,50 +51,47 @@ def test_this_tsbench_is_what_was_released(split: str) -> None:
     """Where this fails, rules, scenes, code or versions have changed: if that is meant, `make edition`."""
     (scenes,) = [e for e in editions() if e.name == SCENES[split]]
     assert found(split) == scenes.released[tsbench.__version__][split]
-    assert edition_of(found(split), "", DataSet.in_use()) == scenes.name
+    assert edition_of(found(split), "", DataSet()) == scenes.name
 
 
 @pytest.mark.parametrize("city", SHIPPED_CITIES)
 @pytest.mark.parametrize("split", ["dev", "test"])
 def test_a_city_that_is_shipped_is_what_was_released(city: str, split: str) -> None:
-    with using_city(city):
-        assert (
-            edition_of(contract_now(DataSet.in_use(), split), "", DataSet.in_use())
-            == f"{city}-{in_force(DataSet.in_use()).name}"
-        ), "make edition"
-        assert len(DataSet.in_use().table(split)) >= {"dev": 2, "test": 200}[split]
+    town = DataSet.named(city)
+    assert edition_of(contract_now(town, split), "", town) == f"{city}-{in_force(town).name}", "make edition"
+    assert len(town.table(split)) >= {"dev": 2, "test": 200}[split]
 
 
 @pytest.mark.parametrize("city", [OWN_CITY, "north-bayreuth", "andorra"])
 def test_a_mirrored_data_set_has_a_contract_of_its_own(city: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Named after what it mirrors: also where not a word of a row changes, as in Andorra's rings."""
-    with using_city(city):
-        stored, name = contract_now(DataSet.in_use(), "dev"), edition_now(DataSet.in_use())
-    with using_city(f"{MIRRORED}{city}"):
-        image = contract_now(DataSet.in_use(), "dev")
-        now = in_force(DataSet.in_use()).name
-        assert edition_now(DataSet.in_use()) == f"{MIRRORED}{city}-{now}"
-        assert edition_of("f" * 64, "", DataSet.in_use()) == f"{MIRRORED}{city}-{now}+local"
+    town = DataSet.named(city)
+    stored, name = contract_now(town, "dev"), edition_now(town)
+    town = DataSet.named(f"{MIRRORED}{city}")
+    image = contract_now(town, "dev")
+    now = in_force(town).name
+    assert edition_now(town) == f"{MIRRORED}{city}-{now}"
+    assert edition_of("f" * 64, "", town) == f"{MIRRORED}{city}-{now}+local"
     assert image != stored
     # It is released with the one that it follows from.
     made = Edition(name, "", {tsbench.__version__: {"dev": stored}})
     which = "editions" if city == OWN_CITY else "built_editions"
     monkeypatch.setattr(edition, which, lambda: (made,))
-    assert edition_of(image, "", DataSet.in_use()) == f"{MIRRORED}{city}-{now}"
-    assert edition_of(stored, "", DataSet.in_use()) == name
+    assert edition_of(image, "", DataSet()) == f"{MIRRORED}{city}-{now}"
+    assert edition_of(stored, "", DataSet()) == name
 
 
 def test_a_changed_contract_does_not_pass_under_the_name() -> None:
-    name = in_force(DataSet.in_use()).name
-    assert edition_of("f" * 64, "", DataSet.in_use()) == f"{name}+local"
+    name = in_force(DataSet()).name
+    assert edition_of("f" * 64, "", DataSet()) == f"{name}+local"
     # Nor does a run's own word make it one.
-    assert edition_of("f" * 64, name, DataSet.in_use()) == f"{name}+local"
-    assert edition_of("f" * 64, "2031.1+local", DataSet.in_use()) == "2031.1+local"
-    assert edition_of("f" * 64, ["no", "name"], DataSet.in_use()) == f"{name}+local"
-    released = in_force(DataSet.in_use()).now()["test"]
-    assert edition_of(released, "2031.1", DataSet.in_use()) == name
+    assert edition_of("f" * 64, name, DataSet()) == f"{name}+local"
+    assert edition_of("f" * 64, "2031.1+local", DataSet()) == "2031.1+local"
+    assert edition_of("f" * 64, ["no", "name"], DataSet()) == f"{name}+local"
+    released = in_force(DataSet()).now()["test"]
+    assert edition_of(released, "2031.1", DataSet()) == name
     # Changed code stays marked, whatever the contract.
-    assert edition_of(released, "2031.1+local", DataSet.in_use()) == f"{name}+local"
+    assert edition_of(released, "2031.1+local", DataSet()) == f"{name}+local"
 
 
 def test_a_release_writes_its_version_and_keeps_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,7 +113,7 @@ def test_a_release_writes_its_version_and_keeps_the_others(tmp_path: Path, monke
         other = not now or was.scoring not in (None, SCORING)
         released = {**was.released, "9.9.9": now} if now else was.released
         assert one == replace(was, released=released, earlier=was.earlier if other else {})
-    assert edition_of(RELEASED[0] * 16, "", DataSet.in_use()) == SCENES[RELEASED[0]]
+    assert edition_of(RELEASED[0] * 16, "", DataSet()) == SCENES[RELEASED[0]]
     monkeypatch.undo()
     editions.cache_clear()
 
@@ -129,15 +126,15 @@ def test_the_doctor_names_the_edition_and_what_was_changed(monkeypatch: pytest.M
     assert [finding.status for finding in splits] == [Status.OK] * len(FEW)
     for split, finding in zip(FEW, splits, strict=True):
         assert finding.text.startswith(f"{SCENES[split]}, contract of the {split} split ")
-    rows = sum(len(DataSet.in_use().table(split)) for split in FEW)
+    rows = sum(len(DataSet().table(split)) for split in FEW)
     assert certificates.text.startswith(f"{rows} rows, each with a certificate of what it is")
-    judged = {certificate.scoring for certificate in certificates_of(DataSet.in_use())}
+    judged = {certificate.scoring for certificate in certificates_of(DataSet())}
     assert (certificates.status is Status.OK) == (judged == {SCORING})
     monkeypatch.setattr(edition, "contract_now", lambda _, split: "f" * 64)
     changed = islice(check_edition(), len(FEW))
-    assert [(f.status, f"{in_force(DataSet.in_use()).name}+local" in f.text) for f in changed] == [
-        (Status.NOTE, True)
-    ] * len(FEW)
+    assert [(f.status, f"{in_force(DataSet()).name}+local" in f.text) for f in changed] == [(Status.NOTE, True)] * len(
+        FEW
+    )
 
 
 def test_the_doctor_names_the_contract_of_the_tables(monkeypatch: pytest.MonkeyPatch) -> None:

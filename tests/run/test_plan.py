@@ -21,7 +21,7 @@ from tsbench.signs.catalog import load_catalog
 def plan_of(data: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("TSBENCH_DATA", str(data))
     data_root.cache_clear()
-    yield lambda **options: make_plan(Request(("idm",), "test", **options), DataSet.in_use())
+    yield lambda **options: make_plan(Request(("idm",), "test", **options), DataSet())
     data_root.cache_clear()
 
 
@@ -74,10 +74,10 @@ def test_one_of_each_type_is_one_of_those_of_its_maps(plan_of) -> None:
 
 
 def test_a_quick_look_at_dev_has_both_halves_of_a_pair_of_each_type() -> None:
-    rows = make_plan(Request(("idm",), "dev", variants="one-per-type"), DataSet.in_use()).scenarios
+    rows = make_plan(Request(("idm",), "dev", variants="one-per-type"), DataSet()).scenarios
     pairs = {row.pair_type: row.pair_name for row in rows}
     assert len(pairs) == len({row.pair_name for row in rows}) == len(load_catalog().types)
-    dev = [row for row in DataSet.in_use().table("dev") if row.pair_name in pairs.values()]
+    dev = [row for row in DataSet().table("dev") if row.pair_name in pairs.values()]
     assert sorted(row.scenario_id for row in dev) == [row.scenario_id for row in rows]
 
 

@@ -53,7 +53,7 @@ def entered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 @pytest.mark.usefixtures("entered")
 def test_contracts_of_a_mirror_stand_likewise() -> None:
     for contract in (*EARLIER["test"], THIRD["test"]):
-        assert edition_of(contract, "", DataSet.in_use()) == "2031.1"
+        assert edition_of(contract, "", DataSet()) == "2031.1"
         assert standing_contract(contract) == FIRST["test"]
         assert standing_contract(mirrored_contract(contract)) == mirrored_contract(FIRST["test"])
     assert standing_contract("e" * 64) == "e" * 64
@@ -68,10 +68,10 @@ def test_another_contract_leaves_its_splits_earlier_ones_behind(monkeypatch: pyt
     editions.cache_clear()
     assert editions()[-1].earlier == {"test": EARLIER["test"]}
     assert standing_contract(SECOND["test"]) == FIRST["test"]
-    assert edition_of(FIRST["dev"], "", DataSet.in_use()) == "2031.1+local"
+    assert edition_of(FIRST["dev"], "", DataSet()) == "2031.1+local"
 
 
 def test_earlier_contracts_that_come_with_tsbench_are_of_its_splits() -> None:
     known = [contract for made in editions() for some in made.earlier.values() for contract in some]
     assert len(known) == len(set(known)) > 10
-    assert {split for made in editions() for split in made.earlier} <= set(DataSet.in_use().splits)
+    assert {split for made in editions() for split in made.earlier} <= set(DataSet().splits)

@@ -11,6 +11,7 @@ import pytest
 
 from tsbench.geometry.elementary import wrap_deg
 from tsbench.make.maps.stats import count_tables
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import SLOTS, PoolRow, read_pool
 
 POOL = Path(__file__).resolve().parents[2] / "sumo_nets" / "pool.parquet"
@@ -122,7 +123,7 @@ def test_overlapping_extracts_do_not_give_a_junction_twice(pool: list[PoolRow]) 
 
 
 def test_stats_add_up(pool: list[PoolRow]) -> None:
-    tables = count_tables(pool)
+    tables = count_tables(DataSet(), pool)
     assert tables[0].rows[-1][1][-1] == len(pool)
     for table in tables:
         for _, numbers in table.rows:

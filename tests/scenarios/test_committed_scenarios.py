@@ -68,7 +68,7 @@ def proofs() -> dict[str, Certificate]:
 
 @pytest.fixture(scope="module")
 def pool() -> dict[str, PoolRow]:
-    return {r.map_id: r for r in read_pool(DataSet.in_use().pool_path)}
+    return {r.map_id: r for r in read_pool(DataSet().pool_path)}
 
 
 @cache
@@ -128,7 +128,7 @@ def test_every_row_of_a_paired_type_has_its_other_half(
 @pytest.mark.slow
 def test_both_halves_have_the_same_plates(rows: list[ScenarioSpec]) -> None:
     """But where a map has no room for another post (docs/without_reading.md)."""
-    loader = SceneLoader(DataSet.in_use())
+    loader = SceneLoader(DataSet())
     for split, wanted in ROOM_WANTING.items():
         found = defaultdict[str, list[list[tuple[str, float]]]](list)
         ours = [r for r in rows if r.split == split and (split != "train" or r.variant == 0)]
@@ -234,7 +234,7 @@ def test_every_file_is_there_and_no_other(rows: list[ScenarioSpec]) -> None:
     for r in rows:
         named[store_path(r.split, r.pair_type, DataSet())] |= {r.net: r.net_sha256, r.additional: r.additional_sha256}
     there = {p for p in (SCENARIOS / "scenes").rglob("*") if p.is_file()}
-    store = SceneStore(DataSet.in_use())
+    store = SceneStore(DataSet())
     # Of a type for which a split has no map, the store is empty.
     assert {p for p in there if store.names(p.parent.name, p.stem)} == set(named)
     for path, files in named.items():
@@ -250,13 +250,13 @@ def sample(rows: list[ScenarioSpec]) -> list[ScenarioSpec]:
 
 
 def test_a_sample_has_the_right_hashes_and_is_sound(rows: list[ScenarioSpec]) -> None:
-    assert verify_rows(sample(rows), SceneLoader(DataSet.in_use()), lambda _: None) == []
+    assert verify_rows(sample(rows), SceneLoader(DataSet()), lambda _: None) == []
 
 
 @pytest.mark.parametrize("type_id", TYPES)
 def test_a_busy_scene_runs_in_sumo(rows: list[ScenarioSpec], type_id: str) -> None:
     spec = next(r for r in rows if (r.pair_type, r.split, r.density) == (type_id, "test", 5.5))
-    scene, roads = SceneLoader(DataSet.in_use()).load(spec)
+    scene, roads = SceneLoader(DataSet()).load(spec)
     lane = roads.network.lane(scene.start.lane)
     x, y = lane.line.point_at(scene.start.s)
     motion = Motion(x, y, lane.line.heading_at(scene.start.s), scene.start.speed)

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import gzip
-import os
 from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from drives_in_mirror import MIRROR, compared, evidence
+from drives_in_mirror import IMAGE, compared, evidence
 from simworld import cross_plain
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import CITY, OWN_CITY, using_city
 from tsbench.geometry.elementary import LEFT, RIGHT, SUMO_TURNS
 from tsbench.make.maps.netconvert import build_net
 from tsbench.make.scenes.verify import lint_scene
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.mirror import mirrored_network, mirrored_row
-from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.scene_loader import SceneLoader, load_scene
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.plate_params import RoundaboutParams
@@ -31,18 +29,13 @@ from tsbench.sim.scene import SceneFile
 DRIVERS = ("idm-e", "idm")
 
 
-@pytest.fixture(autouse=True)
-def own_city(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(CITY, raising=False)
-
-
 @pytest.mark.parametrize("name", DRIVERS)
 def test_a_drive_in_the_mirror_has_the_verdict_and_evidence_of_the_drive(name: str) -> None:
     """The first pair of each type: tick by tick the same world, the same outcome, the same events.
 
     Who obeys is driven where plates ask for something, in signed halves.
     """
-    table = DataSet.in_use().table("dev")
+    table = DataSet().table("dev")
     first = {row.pair_type: row.pair_name for row in table[::-1]}
     rows = [row for row in table if row.pair_name in first.values() and (name == "idm" or row.half != CONTRAST)]
     assert {row.pair_type for row in rows} == {kind.id for kind in load_catalog().types}
@@ -57,49 +50,43 @@ def test_a_drive_in_the_mirror_has_the_verdict_and_evidence_of_the_drive(name: s
 
 def rows_of_types() -> Iterator[ScenarioSpec]:
     """One row of each type in the mirror."""
-    with using_city(MIRROR):
-        yield from {row.scenario_type: row for row in DataSet.in_use().table("dev")}.values()
+    yield from {row.scenario_type: row for row in IMAGE.table("dev")}.values()
 
 
 def test_traffic_keeps_to_the_left_and_plates_stand_there() -> None:
     for row in rows_of_types():
-        with using_city(MIRROR):
-            scene, roads = SceneLoader(DataSet.in_use()).load(row)
-            assert list(lint_scene(scene, roads.graph)) == [], row.scenario_id
-            lane = scene.network.edge_lanes(scene.start.lane.rpartition("_")[0])[0]
-            # The kerb is on the left, and so is the lane beside the kerb.
-            assert scene.network.left_hand
-            assert (roads.view.map.left_hand, roads.view.map.kerb_side) == (True, "left")
-            assert lane.left == -1
-            assert (lane.right >= 0) == (len(scene.network.edges[lane.edge].lanes) > 1)
+        scene, roads = SceneLoader(IMAGE).load(row)
+        assert list(lint_scene(scene, roads.graph)) == [], row.scenario_id
+        lane = scene.network.edge_lanes(scene.start.lane.rpartition("_")[0])[0]
+        # The kerb is on the left, and so is the lane beside the kerb.
+        assert scene.network.left_hand
+        assert (roads.view.map.left_hand, roads.view.map.kerb_side) == (True, "left")
+        assert lane.left == -1
+        assert (lane.right >= 0) == (len(scene.network.edges[lane.edge].lanes) > 1)
 
 
 def test_rings_go_round_clockwise() -> None:
-    for city, sign in ((OWN_CITY, 1.0), (MIRROR, -1.0)):
-        with using_city(city):
-            row = next(r for r in DataSet.in_use().table("dev") if r.scenario_type == "roundabout")
-            scene, _ = SceneLoader(DataSet.in_use()).load(row)
-            ring = scene.target_sign.params_as(RoundaboutParams).ring
-            x, y = np.vstack([scene.network.edge_lanes(edge)[0].line.points for edge in ring]).T
-            area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
-            assert area * sign > 0.0
+    for data, sign in ((DataSet(), 1.0), (IMAGE, -1.0)):
+        scene = load_scene(data, next(r for r in data.table("dev") if r.scenario_type == "roundabout"))
+        ring = scene.target_sign.params_as(RoundaboutParams).ring
+        x, y = np.vstack([scene.network.edge_lanes(edge)[0].line.points for edge in ring]).T
+        area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+        assert area * sign > 0.0
 
 
 def test_a_mirror_of_the_mirror_is_the_row() -> None:
     catalog = load_catalog()
-    for row in DataSet.in_use().table("dev"):
+    for row in DataSet().table("dev"):
         image = mirrored_row(row, catalog)
         assert mirrored_row(image, catalog) == row
         assert (image.net_sha256, image.additional_sha256) == (row.net_sha256, row.additional_sha256)
-    with using_city(MIRROR):
-        names = [row.scenario_id for row in DataSet.in_use().table("dev")]
+    names = [row.scenario_id for row in IMAGE.table("dev")]
     assert len(set(names)) == len(names)
 
 
 def test_plates_mean_in_the_mirror_what_their_images_mean() -> None:
-    with using_city(MIRROR):
-        left = DataSet.in_use().catalog
-        ring = plate_rgba("4.3", None, 100)
+    left, own, image = IMAGE.catalog, DataSet().artwork(), IMAGE.artwork()
+    ring, limit = plate_rgba(image, "4.3", None, 100), plate_rgba(image, "3.24", 50.0, 100)
     assert set(left.sign("3.18.1").rule.options["allowed"]) == {"straight", "left", "u_turn"}
     # Who may turn across the road may turn round: left where traffic keeps to the right.
     assert "u_turn" in left.sign("4.1.2").rule.options["allowed"]
@@ -107,11 +94,9 @@ def test_plates_mean_in_the_mirror_what_their_images_mean() -> None:
     assert left.sign("5.14.1").rule.option("lane") == "leftmost"
     assert {sign.placement.side for sign in left.signs.values()} == {"left", "obstacle"}
     # A ring's arrows go round the other way; a limit's number does not.
-    assert not np.array_equal(ring, plate_rgba("4.3", None, 100))
-    assert np.abs(ring[:, ::-1].astype(int) - plate_rgba("4.3", None, 100)).mean() < 2.0
-    with using_city(MIRROR):
-        limit = plate_rgba("3.24", 50.0, 100)
-    assert np.array_equal(limit, plate_rgba("3.24", 50.0, 100))
+    assert not np.array_equal(ring, plate_rgba(own, "4.3", None, 100))
+    assert np.abs(ring[:, ::-1].astype(int) - plate_rgba(own, "4.3", None, 100)).mean() < 2.0
+    assert np.array_equal(limit, plate_rgba(own, "3.24", 50.0, 100))
 
 
 @pytest.fixture(scope="module")
@@ -151,6 +136,19 @@ def test_no_digit_of_a_place_is_lost(unsigned: tuple[SceneFile, RoadNetwork]) ->
 
 
 def test_nothing_is_built_in_a_mirror() -> None:
-    with using_city(MIRROR), pytest.raises(InputError, match="is made of moscow as it is read"):
-        _ = DataSet.in_use().folder
-    assert CITY not in os.environ
+    with pytest.raises(InputError, match="is made of moscow as it is read"):
+        _ = IMAGE.folder
+
+
+def test_two_cities_are_read_in_turn_in_one_process() -> None:
+    """Each keeps its catalogue, its tables and its scenes, whichever was asked last."""
+    town = DataSet("north-bayreuth")
+    for data in (DataSet(), town, IMAGE, DataSet(town.city, mirrored=True)) * 2:
+        rows, stored = data.table("dev"), DataSet(data.city).table("dev")
+        assert (rows == stored) is not data.mirrored
+        assert data.catalog == load_catalog(mirrored=data.mirrored)
+        scene = load_scene(data, rows[0])
+        assert (scene.city, scene.network.left_hand) == (data.city, data.mirrored)
+        assert scene.artwork() == data.artwork()
+        assert str(scene.net.path).endswith(rows[0].net)
+    assert not {row.net_sha256 for row in DataSet().table("dev")} & {row.net_sha256 for row in town.table("dev")}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 from drives_in_mirror import compared
 
-from tsbench.core.paths import CITY
 from tsbench.run.plan import choose_variants
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog
@@ -14,9 +13,8 @@ from tsbench.signs.catalog import load_catalog
 @pytest.mark.whole
 @pytest.mark.parametrize("name", ["idm-e", "idm"])
 @pytest.mark.parametrize("type_id", [kind.id for kind in load_catalog().types])
-def test_a_drive_in_the_mirror_is_the_drive(type_id: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(CITY, raising=False)
-    rows = choose_variants(DataSet.in_use().table("test"), "one-per-map")
+def test_a_drive_in_the_mirror_is_the_drive(type_id: str, name: str) -> None:
+    rows = choose_variants(DataSet().table("test"), "one-per-map")
     of = [row for row in rows if row.pair_type == type_id]
     assert len({row.map_id for row in of}) == 20
     for row in of:

@@ -35,19 +35,17 @@ def made(on_block: SceneMaker, tmp_path: Path) -> tuple[Path, ScenarioSpec]:
 
 def refuse(root: Path, spec: ScenarioSpec) -> str:
     with pytest.raises(InputError) as told:
-        SceneLoader(DataSet.in_use(), SceneFolder(root)).load(spec)
+        SceneLoader(DataSet(), SceneFolder(root)).load(spec)
     text = str(told.value)
     assert "\n" not in text
     # What `scenarios verify` and a run say is the same line.
-    assert verify_rows([spec], SceneLoader(DataSet.in_use(), SceneFolder(root)), lambda _: None) == [
-        (spec.scenario_id, text)
-    ]
+    assert verify_rows([spec], SceneLoader(DataSet(), SceneFolder(root)), lambda _: None) == [(spec.scenario_id, text)]
     return text
 
 
 def test_a_scene_is_loaded_with_its_roads(made: tuple[Path, ScenarioSpec]) -> None:
     root, spec = made
-    scene, roads = SceneLoader(DataSet.in_use(), SceneFolder(root)).load(spec)
+    scene, roads = SceneLoader(DataSet(), SceneFolder(root)).load(spec)
     assert scene.network is roads.network is roads.graph.network is roads.locator.network
     assert scene.start == EgoStart("ta_0", 60.0, 8.0)
     assert (scene.seed, scene.horizon) == (spec.seed, spec.horizon)
@@ -55,7 +53,7 @@ def test_a_scene_is_loaded_with_its_roads(made: tuple[Path, ScenarioSpec]) -> No
 
 def test_more_maps_than_are_kept(made: tuple[Path, ScenarioSpec]) -> None:
     root, spec = made
-    loader = SceneLoader(DataSet.in_use(), SceneFolder(root))
+    loader = SceneLoader(DataSet(), SceneFolder(root))
     first = loader.load(spec)[1]
     for k in range(6):
         shutil.copy(root / spec.net, root / f"copy{k}.net.xml.gz")
@@ -69,7 +67,7 @@ def test_a_hash_is_of_the_content_not_of_its_packing(made: tuple[Path, ScenarioS
     root, spec = made
     path = root / spec.additional
     path.write_bytes(gzip.compress(gzip.decompress(path.read_bytes()), compresslevel=1))
-    SceneLoader(DataSet.in_use(), SceneFolder(root)).load(spec)
+    SceneLoader(DataSet(), SceneFolder(root)).load(spec)
     bare = root / "bare.add.xml"
     bare.write_bytes(gzip.decompress(path.read_bytes()))
     assert sha256(read_plain(bare, "scene file")) == spec.additional_sha256
@@ -121,7 +119,7 @@ def test_a_row_of_an_unknown_type(made: tuple[Path, ScenarioSpec]) -> None:
     root, spec = made
     odd = replace(spec, scenario_type="fly")
     counted: list[int] = []
-    assert verify_rows([odd, spec], SceneLoader(DataSet.in_use(), SceneFolder(root)), counted.append) == [
+    assert verify_rows([odd, spec], SceneLoader(DataSet(), SceneFolder(root)), counted.append) == [
         ("one", "unknown scenario type 'fly'")
     ]
     assert counted == [1, 2]

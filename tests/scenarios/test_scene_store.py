@@ -48,7 +48,7 @@ def rewrite(root: Path, spec: ScenarioSpec, change: dict[str, list[Any]], **opti
 
 def refuse(root: Path, spec: ScenarioSpec) -> str:
     with pytest.raises(InputError) as told:
-        SceneLoader(DataSet.in_use(), SceneStore(root)).load(spec)
+        SceneLoader(DataSet(), SceneStore(root)).load(spec)
     assert "\n" not in str(told.value)
     return str(told.value)
 
@@ -93,7 +93,7 @@ def test_a_row_group_for_each_map_and_where_it_comes_from(tmp_path: Path) -> Non
 def test_a_scene_is_loaded_from_its_store(
     made: ScenarioSpec, on_block: SceneMaker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    loader = SceneLoader(DataSet.in_use(), SceneStore(tmp_path))
+    loader = SceneLoader(DataSet(), SceneStore(tmp_path))
     scene, roads = loader.load(made)
     assert scene.start == EgoStart("ta_0", 60.0, 8.0)
     assert str(scene.additional) == str(store_path("test", "yield", tmp_path) / made.additional)

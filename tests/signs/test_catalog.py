@@ -9,6 +9,7 @@ import pytest
 from tsbench.core.errors import InputError
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog, load_catalog
+from tsbench.signs.countries import Artwork
 from tsbench.signs.plates import plate_rgba
 
 Edit = Callable[[str, str, str], Path]
@@ -52,7 +53,7 @@ def test_values(catalog: Catalog) -> None:
 def test_the_outline_of_each_sign_is_that_of_its_drawing(catalog: Catalog, code: str) -> None:
     sign = catalog.sign(code)
     value = sign.value.allowed[0] if sign.value and sign.value.printed else None
-    there = plate_rgba(code, value, 200)[..., 3] > 128
+    there = plate_rgba(Artwork(catalog), code, value, 200)[..., 3] > 128
     rows, columns = (np.flatnonzero(there.any(axis=axis)) for axis in (1, 0))
     box = there[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
     # Shares of the bounding box: of all of it, and of its edges at the top and at the bottom.

@@ -8,21 +8,14 @@ import numpy as np
 import pytest
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import CITY, using_city
+from tsbench.core.paths import OWN_CITY
+from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.countries import (
-    Country,
-    country_in_use,
-    load_countries,
-    load_country,
-    shown_code,
-    shown_value,
-    write_csv,
-)
+from tsbench.signs.countries import Artwork, Country, load_countries, load_country, write_csv
 from tsbench.signs.plates import plate_rgba
 from tsbench.signs.sheet import draw_sheet
 
-COUNTRIES = load_countries()
+COUNTRIES, OWN = load_countries(), Artwork(load_catalog())
 
 
 @pytest.mark.parametrize("country", COUNTRIES, ids=lambda country: country.code)
@@ -58,28 +51,33 @@ def test_left_and_right_have_codes_of_their_own_or_a_note_that_tells_them_apart(
             assert (one.code, one.note) != (other.code, other.note), (country.code, right)
 
 
+def asked(code: str) -> Artwork:
+    return Artwork.of(load_catalog(), OWN_CITY, load_country(code))
+
+
 def test_a_caption_shows_the_country_s_code_in_latin_letters() -> None:
-    assert shown_code("2.4", None) == "2.4"
-    assert shown_code("2.4", load_country("de")) == "DE 205"
-    assert shown_code("4.2.3", load_country("de")) == "4.2.3 (DE: none)"
-    assert shown_code("2.4", load_country("cn")) == "CN Jin 2"
+    assert OWN.code("2.4") == "2.4"
+    assert asked("de").code("2.4") == "DE 205"
+    assert asked("de").code("4.2.3") == "4.2.3 (DE: none)"
+    assert asked("cn").code("2.4") == "CN Jin 2"
     for country in COUNTRIES:
-        assert all(shown_code(sign, country).isascii() for sign in country.equivalents)
+        assert all(asked(country.code).code(sign).isascii() for sign in country.equivalents)
 
 
 def test_a_plate_is_the_country_s_where_that_has_a_drawing() -> None:
     """The bus lane is a disc in Germany; a limit looks the same, and counts miles in the United Kingdom."""
-    de, gb = load_country("de"), load_country("gb")
-    assert not np.array_equal(plate_rgba("5.14.1", None, 96, de), plate_rgba("5.14.1", None, 96))
-    assert np.array_equal(plate_rgba("2.3.2", None, 96, de), plate_rgba("2.3.1", None, 96))
-    assert np.array_equal(plate_rgba("3.24", 50.0, 96, de), plate_rgba("3.24", 50.0, 96))
-    assert not np.array_equal(plate_rgba("3.24", 50.0, 96, gb), plate_rgba("3.24", 50.0, 96))
-    assert [gb.posted(kmh) for kmh in (10.0, 20.0, 30.0, 50.0, 60.0, 110.0)] == [10, 10, 20, 30, 40, 70]
-    assert gb.posted(1.0) == 10.0, "there is no plate of 0"
-    assert shown_value(50.0, gb) == "30 mph for 50 km/h"
-    assert gb.traffic is not None
-    assert (gb.traffic.speeds_mps["residential"], gb.traffic.speeds_mps["motorway"]) == (13.41, 31.29)
-    assert shown_value(50.0, de) == shown_value(50.0, None) == "50"
+    de, gb = asked("de"), asked("gb")
+    assert not np.array_equal(plate_rgba(de, "5.14.1", None, 96), plate_rgba(OWN, "5.14.1", None, 96))
+    assert np.array_equal(plate_rgba(de, "2.3.2", None, 96), plate_rgba(OWN, "2.3.1", None, 96))
+    assert np.array_equal(plate_rgba(de, "3.24", 50.0, 96), plate_rgba(OWN, "3.24", 50.0, 96))
+    assert not np.array_equal(plate_rgba(gb, "3.24", 50.0, 96), plate_rgba(OWN, "3.24", 50.0, 96))
+    assert gb.country is not None
+    assert gb.country.traffic is not None
+    assert [gb.country.posted(kmh) for kmh in (10.0, 20.0, 30.0, 50.0, 60.0, 110.0)] == [10, 10, 20, 30, 40, 70]
+    assert gb.country.posted(1.0) == 10.0, "there is no plate of 0"
+    assert gb.value(50.0) == "30 mph for 50 km/h"
+    assert (gb.country.traffic.speeds_mps["residential"], gb.country.traffic.speeds_mps["motorway"]) == (13.41, 31.29)
+    assert de.value(50.0) == OWN.value(50.0) == "50"
 
 
 @pytest.mark.parametrize("code", ["ad", "at", "de", "gb"])
@@ -90,7 +88,7 @@ def test_all_plates_of_a_country_can_be_drawn(code: str) -> None:
     for sign in load_catalog().signs.values():
         printed = sign.value.allowed if sign.value is not None and sign.value.printed else (None,)
         for value in printed:
-            assert plate_rgba(sign.code, value, 48, country)[..., 3].max() == 255, (sign.code, value)
+            assert plate_rgba(asked(code), sign.code, value, 48)[..., 3].max() == 255, (sign.code, value)
 
 
 def test_every_drawing_of_a_country_is_somebody_s() -> None:
@@ -100,30 +98,27 @@ def test_every_drawing_of_a_country_is_somebody_s() -> None:
     assert there <= named
 
 
-def test_scenes_of_a_city_are_signed_with_its_country_s_plates(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv(CITY, raising=False)
-    assert country_in_use() is None, "Russia has no file: its plates are the catalogue's"
-    assert shown_code("2.4", None) == "2.4"
-    bus = plate_rgba("5.14.1", None, 96)
-    with using_city("north-bayreuth"):
-        assert country_in_use() == load_country("de")
-        assert shown_code("2.4", None) == "DE 205"
-        assert shown_code("4.2.3", None) == "4.2.3"
-        assert np.array_equal(plate_rgba("5.14.1", None, 96), plate_rgba("5.14.1", None, 96, load_country("de")))
-        assert not np.array_equal(plate_rgba("5.14.1", None, 96), bus)
-    # Austria's are drawn as Germany's, and have no numbers yet.
-    with using_city("krems"):
-        assert shown_code("2.4", None) == "2.4"
-        assert not np.array_equal(plate_rgba("5.14.1", None, 96), bus)
-    # In a mirror a ring's arrows go round the other way, whose plates they may be.
-    with using_city("mirrored-north-bayreuth"):
-        ring = plate_rgba("4.3", None, 96)
-    assert not np.array_equal(ring, plate_rgba("4.3", None, 96, load_country("de")))
+def test_scenes_of_a_city_are_signed_with_its_country_s_plates() -> None:
+    """Cities are asked in turn, in one process."""
+    names = (OWN_CITY, "north-bayreuth", "krems", "mirrored-north-bayreuth")
+    own, german, austrian, mirrored = (DataSet.named(name).artwork() for name in names)
+    for _ in range(2):
+        assert own.country is None, "Russia has no file: its plates are the catalogue's"
+        assert german.country == load_country("de")
+        assert [own.code("2.4"), german.code("2.4"), german.code("4.2.3")] == ["2.4", "DE 205", "4.2.3"]
+        bus = plate_rgba(own, "5.14.1", None, 96)
+        assert np.array_equal(plate_rgba(german, "5.14.1", None, 96), plate_rgba(asked("de"), "5.14.1", None, 96))
+        assert not np.array_equal(plate_rgba(german, "5.14.1", None, 96), bus)
+        # Austria's are drawn as Germany's, and have no numbers yet.
+        assert austrian.code("2.4") == "2.4"
+        assert not np.array_equal(plate_rgba(austrian, "5.14.1", None, 96), bus)
+        # In a mirror a ring's arrows go round the other way, whose plates they may be.
+        assert not np.array_equal(plate_rgba(mirrored, "4.3", None, 96), plate_rgba(german, "4.3", None, 96))
 
 
 def test_the_sheet_of_a_country_shows_its_plates() -> None:
-    own = np.asarray(draw_sheet(load_catalog()))
-    foreign = np.asarray(draw_sheet(load_catalog(), load_country("de")))
+    own = np.asarray(draw_sheet(OWN))
+    foreign = np.asarray(draw_sheet(asked("de")))
     assert own.shape == foreign.shape
     rows = np.flatnonzero((own != foreign).any(axis=(1, 2)))
     # Of the first band of plates two are 301 here; below them all codes differ.

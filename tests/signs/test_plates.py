@@ -8,11 +8,12 @@ import pytest
 from lxml import etree
 
 from tsbench.core.errors import InputError
-from tsbench.signs import plates
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.countries import Artwork
 from tsbench.signs.plates import number_path, plate_rgba, plate_svg
 
-SIGNS = load_catalog().signs
+OWN = Artwork(load_catalog())
+SIGNS = OWN.catalog.signs
 
 # Colours that must each cover at least this share of the plate's opaque pixels.
 COLOURS = {
@@ -53,7 +54,7 @@ def share(pixels: np.ndarray, colour: tuple[int, int, int]) -> float:
 @pytest.mark.parametrize("code", list(SIGNS))
 @pytest.mark.parametrize("size", [48, 128])
 def test_every_plate_has_its_colours(code: str, size: int) -> None:
-    pixels = plate_rgba(code, posted(code), size)
+    pixels = plate_rgba(OWN, code, posted(code), size)
     assert pixels.shape == (size, size, 4)
     assert pixels.dtype == np.uint8
     assert np.mean(pixels[..., 3] > 200) > 0.3
@@ -63,11 +64,11 @@ def test_every_plate_has_its_colours(code: str, size: int) -> None:
 
 def test_corners_are_transparent() -> None:
     for code in SIGNS:
-        assert not plate_rgba(code, posted(code), 64)[[0, 0, -1, -1], [0, -1, 0, -1], 3].any(), code
+        assert not plate_rgba(OWN, code, posted(code), 64)[[0, 0, -1, -1], [0, -1, 0, -1], 3].any(), code
 
 
 def test_every_plate_looks_different() -> None:
-    pictures = {plate_rgba(code, posted(code), 48).tobytes() for code in SIGNS}
+    pictures = {plate_rgba(OWN, code, posted(code), 48).tobytes() for code in SIGNS}
     assert len(pictures) == len(SIGNS)
 
 
@@ -75,24 +76,24 @@ def test_every_plate_looks_different() -> None:
 def test_each_value_gives_another_picture(code: str) -> None:
     value = SIGNS[code].value
     assert value is not None
-    assert len({plate_rgba(code, number, 48).tobytes() for number in value.allowed}) == len(value.allowed)
+    assert len({plate_rgba(OWN, code, number, 48).tobytes() for number in value.allowed}) == len(value.allowed)
 
 
 @pytest.mark.parametrize("code", list(SIGNS))
 def test_no_plate_needs_a_font_or_another_file(code: str) -> None:
-    names = {etree.QName(node).localname for node in etree.fromstring(plate_svg(code, posted(code))).iter()}
+    names = {etree.QName(node).localname for node in etree.fromstring(plate_svg(OWN, code, posted(code))).iter()}
     assert names <= {"svg", "title", "g", "path", "polygon", "circle", "rect"}
 
 
 def test_mirror_signs_are_mirror_pictures() -> None:
     for one, other in (("4.1.2", "4.1.3"), ("4.1.4", "4.1.5"), ("4.2.1", "4.2.2"), ("5.7.1", "5.7.2")):
-        flipped = plate_rgba(other, None, 64)[:, ::-1].astype(int)
-        assert np.abs(plate_rgba(one, None, 64).astype(int) - flipped).mean() < 2.0
+        flipped = plate_rgba(OWN, other, None, 64)[:, ::-1].astype(int)
+        assert np.abs(plate_rgba(OWN, one, None, 64).astype(int) - flipped).mean() < 2.0
 
 
 def test_pictures_are_cached_and_cannot_be_painted_over() -> None:
-    picture = plate_rgba("2.4", None, 32)
-    assert plate_rgba("2.4", None, 32) is picture
+    picture = plate_rgba(OWN, "2.4", None, 32)
+    assert plate_rgba(OWN, "2.4", None, 32) is picture
     with pytest.raises(ValueError, match="read-only"):
         picture[0, 0, 0] = 1
 
@@ -100,12 +101,12 @@ def test_pictures_are_cached_and_cannot_be_painted_over() -> None:
 def test_values_that_a_sign_cannot_carry_are_refused() -> None:
     for code, value in (("3.24", None), ("3.24", 33.0), ("2.4", 20.0)):
         with pytest.raises(ValueError, match=code):
-            plate_svg(code, value)
-    assert plate_svg("5.21") == plate_svg("5.21", 20.0)
+            plate_svg(OWN, code, value)
+    assert plate_svg(OWN, "5.21") == plate_svg(OWN, "5.21", 20.0)
     with pytest.raises(ValueError, match="0 px"):
-        plate_rgba("2.4", None, 0)
+        plate_rgba(OWN, "2.4", None, 0)
     with pytest.raises(InputError, match="no sign"):
-        plate_svg("9.9")
+        plate_svg(OWN, "9.9")
 
 
 def test_numbers_keep_within_the_width_of_two_digits() -> None:
@@ -128,12 +129,11 @@ def test_numbers_keep_within_the_width_of_two_digits() -> None:
     ],
 )
 def test_a_damaged_drawing_gives_one_line(
-    edited: Callable[[str, str, str], Path], monkeypatch: pytest.MonkeyPatch, name: str, old: str, new: str, said: str
+    edited: Callable[[str, str, str], Path], name: str, old: str, new: str, said: str
 ) -> None:
     root = edited(name, old, new)
-    monkeypatch.setattr(plates, "load_catalog", lambda **_: load_catalog(root))
     code = Path(name).stem
     with pytest.raises(InputError, match=said) as caught:
-        plate_svg(code, posted(code))
+        plate_svg(Artwork(load_catalog(root)), code, posted(code))
     assert str(root / name) in str(caught.value)
     assert "\n" not in str(caught.value)

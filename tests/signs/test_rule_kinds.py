@@ -31,8 +31,8 @@ def test_every_kind_is_there_as_a_whole(name: str) -> None:
 
 
 def test_every_kind_has_a_zone_to_draw() -> None:
-    loader, drawn = SceneLoader(DataSet.in_use()), set()
-    for row in DataSet.in_use().table("test"):
+    loader, drawn = SceneLoader(DataSet()), set()
+    for row in DataSet().table("test"):
         name = load_catalog().sign(row.sign_code).rule.name
         if name not in drawn:
             scene, _ = loader.load(row)

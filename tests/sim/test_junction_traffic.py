@@ -35,7 +35,7 @@ def scene(made: SceneMaker, name: str, code: str = "2.4", cars: tuple[Car, ...] 
     spec: ScenarioSpec = made.make(
         name, START, Destination("n_out", 60.0), ("s_in", "n_out"), sign, cars=cars, convoy=plan, convoy_at=CONVOY
     )
-    return SceneLoader(DataSet.in_use(), SceneFolder(made.root)).load(spec)[0]
+    return SceneLoader(DataSet(), SceneFolder(made.root)).load(spec)[0]
 
 
 class Stage:

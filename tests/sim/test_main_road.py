@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from tsbench.core.paths import MIRRORED, OWN_CITY, using_city
+from tsbench.core.paths import MIRRORED, OWN_CITY
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import load_scene
 from tsbench.sim.main_road import MainRoad, main_roads
@@ -15,8 +15,8 @@ from tsbench.sim.scene import Scene
 
 def scene_of(kind: str, half: str) -> Scene:
     """The first one of a type and half."""
-    table = DataSet.in_use().table("dev")
-    return load_scene(DataSet.in_use(), next(row for row in table if (row.scenario_type, row.half) == (kind, half)))
+    table = DataSet().table("dev")
+    return load_scene(DataSet(), next(row for row in table if (row.scenario_type, row.half) == (kind, half)))
 
 
 def test_a_main_road_that_turns_has_its_shape_beneath_each_plate() -> None:
@@ -44,10 +44,10 @@ def test_a_main_road_that_goes_straight_on_or_ends_has_none(kind: str, half: str
 
 def test_the_mirror_image_turns_the_other_way() -> None:
     scene = scene_of("main_road", "signed")
-    with using_city(f"{MIRRORED}{OWN_CITY}"):
-        table = DataSet.in_use().table("dev")
-        row = next(row for row in table if (row.scenario_type, row.half) == ("main_road", "signed"))
-        mirrored = load_scene(DataSet.in_use(), row)
+    town = DataSet.named(f"{MIRRORED}{OWN_CITY}")
+    table = town.table("dev")
+    row = next(row for row in table if (row.scenario_type, row.half) == ("main_road", "signed"))
+    mirrored = load_scene(town, row)
     here, there = (main_roads(s.network, s.signs)[scene.target].main for s in (scene, mirrored))
     assert sorted(there) == sorted(180 if angle == 180 else -angle for angle in here)
     assert here != there

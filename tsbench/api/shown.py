@@ -10,13 +10,11 @@ from pathlib import Path
 from urllib.parse import quote
 
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
-from tsbench.core.paths import driving
 from tsbench.episode.trace import Trace
 from tsbench.report.drawing.paint import png_bytes
 from tsbench.report.page.report_page import episode_page
 from tsbench.report.scene_pictures import moment
 from tsbench.run.arguments import keywords, path_of
-from tsbench.run.log.manifest import city_of
 from tsbench.run.log.read import StoredRun
 from tsbench.scenarios.scene_loader import load_scene
 
@@ -51,13 +49,12 @@ class Shown:
     @cached_property
     def page(self) -> str:
         """The player with all its data as one page of HTML."""
-        with driving(city_of(self.run.manifest)):
-            return episode_page(self.run, self.trace.planner, self.trace.spec.scenario_id)
+        return episode_page(self.run, self.trace.planner, self.trace.spec.scenario_id)
 
     @cached_property
     def frame(self) -> Picture:
         """The picture of one moment, PNG. Raises InputError for a time outside of the episode."""
-        with keywords(), driving(city_of(self.run.manifest)):
+        with keywords():
             return Picture(png_bytes(moment(self.trace, load_scene(self.run.data, self.trace.spec), self.time)))
 
     def save(self, path: str | Path) -> Path:

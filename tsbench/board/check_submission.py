@@ -33,7 +33,7 @@ _SHOWN = 5
 
 def check_submission(spec: str, count: int, split: str, on_progress: Callable[[str], None]) -> list[Finding]:
     """Findings. split: that a submission would be of."""
-    data = DataSet.in_use()
+    data = DataSet()
     on_progress("starting the planner in its sandbox")
     found, info = standing(spec, split)
     if info is None:

@@ -128,7 +128,7 @@ def _add(row: BoardRow, label: str, most: int, table: _Table, packed: Embedded) 
     s = row.submission
     data = DataSet.named(s.city)
     specs = {spec.scenario_id: spec for spec in data.table(s.split)}
-    judge, packer = Judge(data), EpisodePacker(data)
+    judge, packer, artwork = Judge(data), EpisodePacker(data), data.artwork()
 
     def trace_of(episode: SubmittedEpisode) -> Path:
         return traces_beside(row.path) / trace_path(Path(), s.planner.name, episode.scenario_id).name
@@ -144,7 +144,7 @@ def _add(row: BoardRow, label: str, most: int, table: _Table, packed: Embedded) 
         told = next((str(event["sentence"]) for event in events if event["target"]), "")
         failure = "" if episode.scd else failure_of(episode)
         number = table.add(label, trace.spec, failure, told)
-        packed.take(number, packer.pack(path, (s.planner.name, episode.scenario_id)), sys.maxsize)
+        packed.take(number, packer.pack(path, (s.planner.name, episode.scenario_id)), artwork, sys.maxsize)
 
 
 def _chosen(

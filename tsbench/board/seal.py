@@ -19,7 +19,7 @@ from tsbench.core.files import io_errors_as_input_errors, sha256_of, write_json
 from tsbench.core.paths import OWN_CITY
 from tsbench.core.textfile import read_json
 from tsbench.core.typed import read_typed
-from tsbench.make.city import chosen_city
+from tsbench.make.city import load_city
 from tsbench.make.seeds import secret_sha256, using_secret
 from tsbench.run.edition import contract_now, edition_now
 from tsbench.scenarios.data_set import DataSet
@@ -64,31 +64,30 @@ def make_secret(path: Path) -> None:
         path.write_text(f"{secrets.token_hex(32)}\n", encoding="utf-8")
 
 
-def build_sealed(types: Sequence[str], osm: Path, secret: Path, workers: int, progress: Progress) -> list[TypeReport]:
+def build_sealed(
+    data: DataSet, types: Sequence[str], osm: Path, secret: Path, workers: int, progress: Progress
+) -> list[TypeReport]:
     """As `build_city`, drawn with a secret. Raises InputError where what is there was drawn with another, or none."""
     from tsbench.make.scenes.build import build_city  # brings pyosmium and SUMO
 
-    place, digest = DataSet.in_use().folder / _SEAL, secret_sha256(secret)
+    place, digest = data.folder / _SEAL, secret_sha256(secret)
     if place.is_file():
         if read_json(place, "seal").get("secret_sha256") != digest:
             raise InputError(f"{place}: this data set was begun with another secret: go on with that, or move it away")
-    elif chosen_city().name != OWN_CITY and (DataSet.in_use().folder / "scenarios").exists():
-        raise InputError(
-            f"{DataSet.in_use().folder}: was built without a secret: move it away, or describe a city of another name"
-        )
+    elif data.name != OWN_CITY and (data.folder / "scenarios").exists():
+        raise InputError(f"{data.folder}: was built without a secret: move it away, or describe a city of another name")
     else:
         write_json(place, {"secret_sha256": digest})
     with using_secret(secret):
-        return build_city(tuple(types), osm, workers, progress)
+        return build_city(data, tuple(types), osm, workers, progress)
 
 
-def commitments() -> Commitments:
-    """Of the data set in use. Raises InputError where it is not sealed, or not built."""
-    data = DataSet.in_use()
+def commitments(data: DataSet) -> Commitments:
+    """Of a data set. Raises InputError where it is not sealed, or not built."""
     place = data.folder / _SEAL
     if not place.is_file():
         raise InputError(f"{place}: not there, so this data set is not sealed: tsbench seal build makes one that is")
-    city, splits = chosen_city(), data.splits
+    city, splits = load_city(data.name), data.splits
     if not splits:
         raise InputError(f"{data.folder}: nothing is built yet: tsbench seal build {city.name}")
     rows = {split: Counter(row.pair_type for row in data.table(split)) for split in splits}
@@ -114,8 +113,8 @@ def read_commitments(path: Path) -> Commitments:
 
 
 def problems(published: Commitments, secret: Path | None) -> list[str]:
-    """What of the data set in use, and of the secret, is not what was published; [] where all of it is."""
-    here = _files(DataSet.in_use().folder)
+    """What of the city's data set that is here, and of the secret, is not what was published; [] where all of it is."""
+    here = _files(DataSet.named(published.name).folder)
     found = [f"{name}: was committed to and is not here" for name in sorted(set(published.files) - set(here))]
     found += [f"{name}: is here and was not committed to" for name in sorted(set(here) - set(published.files))]
     found += [

@@ -66,7 +66,7 @@ def write_commonroad(trace: Trace, scene: Scene, path: Path) -> None:
         "timeStepSize": str(DT_S),
     }
     root = E.commonRoad(
-        *_location(trace),
+        *_location(trace, DataSet(scene.city).pool_path),
         *roads,
         *(traffic_sign(sign, sign_ids[sign.id]) for sign in scene.signs),
         *intersections(scene.network, cut, ids),
@@ -88,15 +88,13 @@ def benchmark_id(trace: Trace) -> str:
 
 
 @lru_cache(maxsize=1)
-def _places() -> dict[str, tuple[float, float]]:
-    table = open_table(
-        DataSet.in_use().pool_path, POOL_SCHEMA, "tsbench maps harvest makes it", ("map_id", "lat", "lon")
-    )
+def _places(pool: Path) -> dict[str, tuple[float, float]]:
+    table = open_table(pool, POOL_SCHEMA, "tsbench maps harvest makes it", ("map_id", "lat", "lon"))
     return {row["map_id"]: (row["lat"], row["lon"]) for row in table.to_pylist()}
 
 
-def _location(trace: Trace) -> list[Element]:
-    lat, lon = _places().get(trace.spec.map_id, (0.0, 0.0))
+def _location(trace: Trace, pool: Path) -> list[Element]:
+    lat, lon = _places(pool).get(trace.spec.map_id, (0.0, 0.0))
     tags = ("simulated", "urban", *((_TAGS[trace.spec.family],) if trace.spec.family in _TAGS else ()))
     place = (E.geoNameId(str(_NO_GEO_NAME)), E.gpsLatitude(f"{lat:.7f}"), E.gpsLongitude(f"{lon:.7f}"))
     return [E.location(*place), E.scenarioTags(*(E(tag) for tag in tags))]

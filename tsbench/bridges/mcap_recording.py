@@ -142,7 +142,7 @@ def _body(body: Body, now: Timestamp | None) -> SceneEntity:
 def _plate(plate: DrawnPlate, now: Timestamp | None) -> SceneEntity:
     """A plate on its post, facing its traffic, below a text that turns to the camera."""
     colour = "plate_line" if plate.target else "marking"
-    pose, words = _pose(plate.x, plate.y, 0.0, _PLATE_Z + 1.0), sign_words(plate.code, plate.value)
+    pose, words = _pose(plate.x, plate.y, 0.0, _PLATE_Z + 1.0), sign_words(plate.artwork, plate.code, plate.value)
     text = TextPrimitive(pose=pose, billboard=True, font_size=_LETTER_M, color=_colour(colour), text=words)
     known = [KeyValuePair(key="role", value=plate.role), KeyValuePair(key="code", value=plate.code)]
     cube = _cube(plate.x, plate.y, plate.heading, _PLATE_Z, _PLATE_M, colour)

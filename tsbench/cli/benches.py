@@ -68,7 +68,7 @@ class _Loops:
         self.runner = EpisodeRunner(resolve("idm"), heartbeat=self._beat)
         self._loop_began = 0.0
         self.sim: Simulation = self.runner.simulation
-        self.loader = SceneLoader(DataSet.in_use())
+        self.loader = SceneLoader(DataSet())
 
     def _beat(self, phase: int) -> None:
         if phase == Phase.LOADING:
@@ -122,7 +122,7 @@ class _Loops:
 
 def bench_scenes(limit: int) -> list[ScenarioSpec]:
     """Test rows with traffic, of all types in turn, and about a dozen vehicles around the ego."""
-    rows = [s for s in DataSet.in_use().table("test") if s.density > 0]
+    rows = [s for s in DataSet().table("test") if s.density > 0]
     loops = _Loops()
     chosen: list[ScenarioSpec] = []
     by_type: dict[str, list[ScenarioSpec]] = {}
@@ -224,7 +224,7 @@ class FreshPrice:
 
 def bench_fresh(scenes: int, rounds: int) -> FreshPrice:
     """Drive scenes of dev both ways. Children come first: a worker that forks has played nothing itself."""
-    rows = sorted(choose(DataSet.in_use().table("dev"), scenes), key=lambda row: row.net)
+    rows = sorted(choose(DataSet().table("dev"), scenes), key=lambda row: row.net)
     runner = EpisodeRunner(resolve(_PLANNER))
     for row in rows:
         runner.prepare(row)
@@ -283,7 +283,7 @@ class Price:
 
 def bench_isolation(planners: Sequence[str], scenes: int, rounds: int) -> list[Price]:
     """Raises InputError for a planner that does not come up."""
-    data = DataSet.in_use()
+    data = DataSet()
     rows = choose(data.table("dev"), scenes)
     loader = SceneLoader(data)
     with closing(Simulation()) as simulation:
@@ -339,7 +339,7 @@ def bench_whole() -> float:
     """CPU ms of a tick of WHOLE's episodes with all that belongs to them, on scenes of the dev split: least of a few
     rounds.
     """
-    rows = choose(DataSet.in_use().table("dev"), _SCENES)
+    rows = choose(DataSet().table("dev"), _SCENES)
     runner = EpisodeRunner(resolve(WHOLE))
     took = []
     for _ in range(_WHOLE_ROUNDS):

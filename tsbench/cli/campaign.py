@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -77,8 +76,7 @@ def read_campaign(path: Path) -> tuple[tuple[CampaignRun, ...], tuple[CampaignAn
     if twice := [name for k, name in enumerate(names) if name in names[:k]]:
         raise InputError(f"{path}: runs: {twice[0]}: two runs have this name: rename one")
     for one in runs:
-        with options_of(one, {}, path):
-            pass
+        options_of(one, {}, path)
     made = (_analysis(entry, runs, f"{path}: analyses {n}") for n, entry in enumerate(file.analyses, 1))
     return runs, tuple(made)
 
@@ -117,9 +115,8 @@ def _name(value: Any, where: str) -> str:
     return value
 
 
-@contextmanager
-def options_of(one: CampaignRun, over: Mapping[str, Any], path: Path) -> Iterator[dict[str, Any]]:
-    """The values of all options of `tsbench run`, with the run's data set in use. Raises InputError for a wrong one."""
+def options_of(one: CampaignRun, over: Mapping[str, Any], path: Path) -> dict[str, Any]:
+    """The values of all options of `tsbench run`. Raises InputError for a wrong one."""
     context = click.Context(run_command, info_name=one.name, default_map={**one.given, **over})
     with context:
         try:
@@ -129,7 +126,7 @@ def options_of(one: CampaignRun, over: Mapping[str, Any], path: Path) -> Iterato
             raise InputError(f"{path}: {one.name}: {key}: {problem.message or 'is missing'}") from None
         except InputError as problem:
             raise InputError(f"{path}: {one.name}: {problem}") from None
-        yield context.params
+        return context.params
 
 
 def _for_all(option: click.Parameter) -> click.Parameter:
@@ -174,8 +171,7 @@ def _driven(
     code, summaries = 0, {}
     for one in runs:
         try:
-            with options_of(one, over, file) as given:
-                ended = drive(**{**given, "out": folder / one.name})
+            ended = drive(**{**options_of(one, over, file), "out": folder / one.name})
         except InputError as problem:
             click.echo(f"{one.name}: {written_out(' '.join(str(problem).split()))}", err=True)
             code = EXIT_INPUT
@@ -206,7 +202,5 @@ def _make(analysis: CampaignAnalysis, folder: Path) -> None:
     if analysis.kind == "perception" and not traced and (out / f"{analysis.name}.md").is_file():
         click.echo(f"analysis {analysis.name}: stays as it is, as traces are gone")
         return
-    with click.Context(campaign) as context:
-        options.of_their_city(context, campaign.params[0], paths)
-        made = analyse_runs(analysis.kind, paths, allow_partial=False)
+    made = analyse_runs(analysis.kind, paths, allow_partial=False)
     show_analysis(replace(made, name=analysis.name), out, printed=False)

@@ -12,7 +12,7 @@ from tsbench.cli import options
 from tsbench.cli.console import bars, print_notes, print_table
 from tsbench.core.errors import InputError
 from tsbench.core.paths import MIRRORED, city_names
-from tsbench.make.city import chosen_city, describe_city, fetch_extracts, find_extract, new_city_file, sources_dir
+from tsbench.make.city import describe_city, fetch_extracts, find_extract, load_city, new_city_file, sources_dir
 from tsbench.make.maps import extracts
 from tsbench.make.maps.extracts import ending_of
 from tsbench.make.maps.stats import draw_pool
@@ -21,7 +21,7 @@ from tsbench.make.scenes.recipe import load_recipes
 from tsbench.run.edition import edition_now
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import read_pool
-from tsbench.signs.countries import Country, country_code, country_in_use
+from tsbench.signs.countries import Country, city_country, country_code
 
 if TYPE_CHECKING:
     from tsbench.make.city import City
@@ -38,9 +38,8 @@ def list_() -> None:
     """The cities that are described, and what was built of them."""
     rows = []
     for name in city_names():
-        options.use_city(name)
-        found = chosen_city()
-        built = [f"{split} {len(DataSet.in_use().table(split)):,}" for split in DataSet.in_use().splits]
+        data, found = DataSet.named(name), load_city(name)
+        built = [f"{split} {len(data.table(split)):,}" for split in data.splits]
         dates = ", ".join(sorted({extract.date for extract in found.extracts}))
         rows.append(
             (name, found.title, found.country, found.side, str(found.frame), dates, ", ".join(built) or "nothing")
@@ -55,31 +54,30 @@ def list_() -> None:
 @click.option("--streets", is_flag=True, help="Also what kind of streets it has, from its extracts, by OSMnx.")
 @click.option("--rose", type=options.FILE, metavar="FILE", help="Draw a compass rose of each extract's streets.")
 @options.osm
-def show(png: Path | None, streets: bool, rose: Path | None, osm_dir: Path | None) -> None:
+def show(data: DataSet, png: Path | None, streets: bool, rose: Path | None, osm_dir: Path | None) -> None:
     """The extracts of a city, its maps, and which types it carries: on how many maps, and why not on more."""
-    data = DataSet.in_use()
-    found = chosen_city()
+    found = load_city(data.name)
     click.echo(found.title)
-    _show_country(found.country, country_in_use())
+    _show_country(found.country, city_country(data.city))
     for extract in found.extracts:
         click.echo(f"{extract.sha256} {extract.name}, {extract.date}, {extract.licence}: {extract.address}")
     if streets or rose is not None:
-        _show_streets(found, osm_dir, rose)
+        _show_streets(data, found, osm_dir, rose)
     if not data.pool_path.is_file():
         click.echo(f"nothing is built yet: tsbench city build {found.name} --osm DIR")
         return
     pool = read_pool(data.pool_path)
-    _show_types(found, pool)
+    _show_types(data, found, pool)
     if png is not None:
-        draw_pool(pool, png)
+        draw_pool(data, pool, png)
         click.echo(f"map: {png}")
 
 
-def _show_streets(city: City, osm_dir: Path | None, rose: Path | None) -> None:
+def _show_streets(data: DataSet, city: City, osm_dir: Path | None, rose: Path | None) -> None:
     """Statistics of the street network of each extract, and a picture of the directions of its streets."""
     from tsbench.make.maps.streets import draw_bearings, graph_of, streets_of
 
-    files = {one.name: find_extract(one.name, osm_dir or sources_dir()) for one in city.extracts}
+    files = {one.name: find_extract(data, one.name, osm_dir or sources_dir()) for one in city.extracts}
     graphs = {extract: graph_of(file) for extract, file in files.items()}
     rows = []
     for extract, graph in graphs.items():
@@ -183,15 +181,14 @@ def fetch(name: str, osm_dir: Path | None) -> None:
 @options.types
 @options.osm
 @options.workers
-def build(types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
+def build(data: DataSet, types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Build a city's data set: pool, pairs of every type in dev and test, certificates. Resumable."""
     from tsbench.make.scenes.build import build_city
 
-    data = DataSet.in_use()
-    chosen, found = options.types_of(data, types), chosen_city()
+    chosen, found = options.types_of(data, types), load_city(data.name)
     with bars() as show:
-        build_city(chosen, osm_dir or sources_dir(), workers, show, lambda note: print_notes([note]))
-    _show_types(found, read_pool(data.pool_path), chosen)
+        build_city(data, chosen, osm_dir or sources_dir(), workers, show, lambda note: print_notes([note]))
+    _show_types(data, found, read_pool(data.pool_path), chosen)
     there = [split for split in data.splits if data.table(split)]
     split = "test" if "test" in there else there[0]
     click.echo(f"{edition_now(data)}: tsbench run --city {found.name} --split {split} --planner idm")
@@ -200,18 +197,18 @@ def build(types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
 @city.command("ground")
 @options.city_name
 @options.osm
-def write_surfaces(osm_dir: Path | None) -> None:
+def write_surfaces(data: DataSet, osm_dir: Path | None) -> None:
     """Add buildings, greenery and water to the pictures of a built city, from its extracts."""
     from tsbench.make.maps.ground import write_ground
 
-    path, maps = write_ground(osm_dir or sources_dir())
+    path, maps = write_ground(data, osm_dir or sources_dir())
     told = ", ".join(f"{kind} on {count:,}" for kind, count in maps.items())
     click.echo(f"{path}: {path.stat().st_size:,} bytes; maps: {told}")
 
 
-def _show_types(city: City, pool: list[PoolRow], types: tuple[str, ...] = ()) -> None:
+def _show_types(data: DataSet, city: City, pool: list[PoolRow], types: tuple[str, ...] = ()) -> None:
     """What a city carries."""
-    recipes = load_recipes(DataSet.in_use().catalog, types)
-    found = carried(city, pool, recipes, build_report() if report_file().is_file() else [])
+    recipes = load_recipes(data.catalog, types)
+    found = carried(city, pool, recipes, build_report(path) if (path := report_file(data)).is_file() else [])
     rows = [(c.type_id, c.split, f"{c.there:,}", f"{c.maps} of {c.wanted}", c.why) for c in found]
     print_table(("type", "split", "maps there", "built", "why not more"), rows, title=f"{len(pool):,} maps", left=2)

@@ -23,7 +23,7 @@ from tsbench.scenarios.data_set import DataSet
 
 
 @click.command()
-@click.argument("run", type=options.PATH, required=False, callback=options.of_their_city)
+@click.argument("run", type=options.PATH, required=False)
 @click.argument("episode", required=False)
 @click.option(
     "--planner",
@@ -40,7 +40,7 @@ from tsbench.scenarios.data_set import DataSet
 @options.png("Draw the moment at which it stops.")
 @click.option("--pdb", "debugger", is_flag=True, help="Python's debugger: at --at, and where the planner raises.")
 def debug(
-    run: Path | None, episode: str | None, planner: str | None, scenario: str | None, split: str | None,
+    run: Path | None, episode: str | None, planner: str | None, scenario: str | None, data: DataSet, split: str | None,
     mask_signs: bool, perception: str, at: float | None, png: Path | None, debugger: bool,
 ) -> None:  # fmt: skip
     """Drive one episode in this process: EPISODE (scenario_id or planner/scenario_id) of the run folder RUN, or a
@@ -60,10 +60,9 @@ def debug(
             names = ", ".join(f"{info.name}/{scenario}" for info in planners_of(stored.manifest))
             raise InputError(f"{run}: {episode}: name one of {names}")
         planner, split = found[0], str(stored.manifest["effective"]["split"])
-        perceived = stored.perception
+        perceived, data = stored.perception, stored.data
     elif planner is None or scenario is None:
         raise InputError("name what to drive: RUN EPISODE, or --planner and --scenario")
-    data = DataSet.driven(None)
     row = row_of(data, scenario, split)
     try:
         # What a run drove in an image is driven here as it stands in its file.

@@ -246,7 +246,7 @@ def simulate() -> None:
     from tsbench.sim.sumo import Simulation  # brings SUMO
 
     try:
-        data = DataSet.in_use()
+        data = DataSet()
         spec = data.table("test")[0]
         scene, sim = load_scene(data, spec), Simulation()
         sim.load_scene(scene)
@@ -259,7 +259,7 @@ def simulate() -> None:
 
 def check_data() -> Iterator[Diagnosis]:
     """Catalogue, pool and tables can be read; all scene files are there, and a sample has the hashes of its rows."""
-    data = DataSet.in_use()
+    data = DataSet()
     catalog, maps = data.catalog, known_map_ids(data.pool_path)
     signs = f"{len(catalog.signs)} signs, {len(catalog.types)} types, {len(maps)} maps"
     yield Diagnosis(Status.OK, "data", f"{data.pool_path.parent.parent}: {signs}")
@@ -280,7 +280,7 @@ def check_data() -> Iterator[Diagnosis]:
 
 def check_edition() -> Iterator[Diagnosis]:
     """Are rules, scenes, code and versions those that were released, and are the certificates those of the rows?"""
-    data = DataSet.in_use()
+    data = DataSet()
     earlier = edition.earlier_splits(data)
     for split in data.splits:
         if split in earlier:

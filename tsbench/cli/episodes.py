@@ -31,7 +31,7 @@ def _selecting(command: Callable[..., None]) -> Callable[..., None]:
         command(selection=Selection(failures, types, planners, outcomes), **others)
 
     return options.several(
-        click.argument("run", type=options.PATH, callback=options.of_their_city),
+        click.argument("run", type=options.PATH),
         click.argument("episode", metavar="[EPISODE]", required=False),
         click.option("--failures", is_flag=True, help="All episodes without SCD: not compliant, or not arrived."),
         options.types,

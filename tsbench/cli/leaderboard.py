@@ -26,7 +26,7 @@ _SEED, _DRAWN = click.IntRange(0, 2**63 - 1), "Of the draw: your own choice, mad
 
 
 @click.command()
-@click.argument("folder", metavar="RUN", type=options.PATH, callback=options.of_their_city)
+@click.argument("folder", metavar="RUN", type=options.PATH)
 @click.option("--planner", metavar="NAME", help="Which planner's, where the run has several.")
 @click.option("--title", default="", metavar="TEXT", help="The row's name.  [default: the planner's]")
 @click.option("--authors", required=True, metavar="TEXT", help="Who submits.")
@@ -103,7 +103,6 @@ def verify(
         if image is not None:
             own = PlannerSpec(PlannerSpec.parse(claim.planner.spec).text)
             driven = str((PlannerSpec.parse(planner) if planner else own).in_image(image))
-        options.use_city(claim.city)
         with Progress(console=console, transient=True) as bar:
             task = bar.add_task(f"driving {claim.title} again", total=None)
             found = run_verify(

@@ -8,7 +8,7 @@ import click
 
 from tsbench.cli import options
 from tsbench.cli.console import bars, print_notes, print_table
-from tsbench.make.city import chosen_city, made_pool, sources_dir
+from tsbench.make.city import load_city, made_pool, sources_dir
 from tsbench.make.maps import extracts
 from tsbench.make.maps.stats import CountTable, count_tables, draw_pool
 from tsbench.scenarios.data_set import DataSet
@@ -24,11 +24,11 @@ def maps() -> None:
 @options.made_city
 @click.argument("extract", type=options.PATH)
 @options.out("Network to write, .net.xml or .net.xml.gz.", type=options.FILE, required=True)
-def convert(extract: Path, out: Path) -> None:
+def convert(data: DataSet, extract: Path, out: Path) -> None:
     """Convert an OSM EXTRACT (.osm, .gz, .bz2, .pbf) to a SUMO network."""
     from tsbench.make.maps.netconvert import convert_extract
 
-    facts, city = convert_extract(extract, out), chosen_city()
+    facts, city = convert_extract(data, extract, out), load_city(data.name)
     click.echo(
         f"{out}: from {facts.nodes:,} nodes, {facts.ways:,} ways, {facts.roads:,} of them roads for cars; "
         f"traffic on the {city.side}"
@@ -48,16 +48,16 @@ def convert(extract: Path, out: Path) -> None:
 @options.osm
 @options.out("Pool index to write.  [default: sumo_nets/pool.parquet]", type=options.FILE)
 @options.workers
-def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
+def harvest(data: DataSet, osm_dir: Path | None, out: Path | None, workers: int) -> None:
     """Harvest all extracts of a folder into the pool. Interrupted, it goes on where it was."""
     from tsbench.make.maps.harvest import harvest as run_harvest
 
-    target = out or made_pool()
+    target = out or made_pool(data)
     report = target.with_name("harvest.json")
     with bars() as show:
-        result = run_harvest(osm_dir or sources_dir(), target, report, workers, show)
+        result = run_harvest(data, osm_dir or sources_dir(), target, report, workers, show)
     print_notes(result.notes)
-    _print_counts(count_tables(result.rows)[:2])
+    _print_counts(count_tables(data, result.rows)[:2])
     print_table(("refused, by reason", "sum"), ((why, f"{n:,}") for why, n in result.refused.items()))
     click.echo(f"{result.rings} rings in all extracts; {len(result.rows):,} maps in {target}, counts in {report}")
 
@@ -68,12 +68,12 @@ def harvest(osm_dir: Path | None, out: Path | None, workers: int) -> None:
 )
 @options.made_city
 @options.png("Draw a map with every crop as a dot.")
-def stats(pool_path: Path | None, png: Path | None) -> None:
+def stats(data: DataSet, pool_path: Path | None, png: Path | None) -> None:
     """Count the pool by family, shape, lanes, curvature, length and source."""
-    pool = read_pool(pool_path or DataSet.in_use().pool_path)
-    _print_counts(count_tables(pool))
+    pool = read_pool(pool_path or data.pool_path)
+    _print_counts(count_tables(data, pool))
     if png is not None:
-        draw_pool(pool, png)
+        draw_pool(data, pool, png)
         click.echo(f"map: {png}")
 
 
@@ -93,11 +93,11 @@ def fetch(name: str, bbox: str, date: str | None, server: str | None, out: Path 
 @options.made_city
 @options.osm
 @options.out("PNG file to draw.", type=options.FILE, required=True)
-def show(map_ids: tuple[str, ...], osm_dir: Path | None, out: Path) -> None:
+def show(data: DataSet, map_ids: tuple[str, ...], osm_dir: Path | None, out: Path) -> None:
     """Cut maps from their extracts and draw them on one sheet."""
     from tsbench.make.maps.map_sheet import draw_maps
 
-    draw_maps(map_ids, osm_dir or sources_dir(), out)
+    draw_maps(data, map_ids, osm_dir or sources_dir(), out)
     click.echo(f"{len(map_ids)} maps: {out}")
 
 

@@ -43,7 +43,7 @@ _REMEDY = "docs/footguns.md says what this means"
 
 def check_arithmetic(folder: Path = _FOLDER) -> Iterator[Diagnosis]:
     """What the arithmetic is, and for each planner whether it gives the reference's bytes."""
-    data = DataSet.in_use()
+    data = DataSet()
     here = facts()
     yield Diagnosis(Status.OK, "numpy", f"{here['versions']['numpy']}, {' '.join(here['simd'])}")
     yield Diagnosis(Status.OK, "BLAS", here["blas"])
@@ -77,7 +77,7 @@ def check_arithmetic(folder: Path = _FOLDER) -> Iterator[Diagnosis]:
 def write_reference(folder: Path = _FOLDER) -> list[Path]:
     """Make this machine's bytes the reference; returns the files written."""
     scenes = list(_scenes())
-    sim, loader = Simulation(), SceneLoader(DataSet.in_use())
+    sim, loader = Simulation(), SceneLoader(DataSet())
     asked = {name: _questions(name, scenes, sim, loader) for name in NETWORKS}
     np.savez_compressed(folder / _ASKED, allow_pickle=False, **{k: _plain(v) for k, v in asked.items()})
     planners: dict[str, Any] = {}
@@ -120,7 +120,7 @@ def _digest(result: EpisodeResult) -> str:
 def _scenes() -> Iterator[ScenarioSpec]:
     """The first scene with traffic of each of a few types."""
     split, types = _EPISODES
-    rows = DataSet.in_use().table(split)
+    rows = DataSet().table(split)
     for kind in types:
         yield next(row for row in rows if row.scenario_type == kind and row.density > 0)
 

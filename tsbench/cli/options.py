@@ -11,7 +11,7 @@ import click
 
 from tsbench.core.errors import InputError
 from tsbench.core.machine import own_cores
-from tsbench.core.paths import CITY, OWN_CITY, city_names, driven_city, expanded, expanded_text, using_city
+from tsbench.core.paths import CITY, OWN_CITY, city_names, expanded, expanded_text
 from tsbench.episode.perception_level import EXACT
 from tsbench.planners.registry import names as registered
 from tsbench.run.arguments import Option as Known
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from tsbench.scenarios.spec import ScenarioSpec
 
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]
+Completion = Callable[[click.Context, click.Parameter, str], list[str]]
 Words = tuple[str, ...]
 
 
@@ -56,7 +57,7 @@ POSITIVE = click.IntRange(min=1)
 PLANNER = "NAME|pkg.module:Class|file.py:Class"
 
 
-def completed(names: Callable[[], Iterable[str]]) -> Callable[[click.Context, click.Parameter, str], list[str]]:
+def completed(names: Callable[[], Iterable[str]]) -> Completion:
     """Completion by the shell: of a word, or of the last one of words between commas."""
 
     def complete(_context: click.Context, _parameter: click.Parameter, typed: str) -> list[str]:
@@ -66,8 +67,15 @@ def completed(names: Callable[[], Iterable[str]]) -> Callable[[click.Context, cl
     return complete
 
 
+def completed_of(names: Callable[[DataSet], Iterable[str]]) -> Completion:
+    """The same of what a data set has: the one that the line names so far."""
+    return lambda context, parameter, typed: completed(lambda: names(context.params.get("data") or DataSet.driven()))(
+        context, parameter, typed
+    )
+
+
 registered_names = completed(registered)
-scenario_ids = completed(lambda: (row.scenario_id for row in rows_of(DataSet.in_use(), None)))
+scenario_ids = completed_of(lambda data: (row.scenario_id for row in rows_of(data, None)))
 
 
 def words_of(text: str) -> tuple[str, ...]:
@@ -86,34 +94,15 @@ def _country(_context: click.Context, _parameter: click.Parameter, code: str | N
     return None if code is None else load_country(code)
 
 
-def use_city(name: str) -> None:
-    """Use a city's data set, as it is stored, until the command ends. Raises InputError for an impossible name."""
-    click.get_current_context().with_resource(using_city(name))
-
-
-def _city(_context: click.Context, _parameter: click.Parameter, name: str | None) -> None:
-    if name is not None:
-        use_city(driven_city(name))
-
-
-def _made_city(_context: click.Context, _parameter: click.Parameter, name: str | None) -> None:
-    if name is not None:
-        use_city(name)
-
-
-def of_their_city(_context: click.Context, _parameter: click.Parameter, runs: Any) -> Any:
-    """Use the data set that the run folders given, if any, are of. Raises InputError where they are of several."""
-    found = [read_manifest(folder) for folder in (runs if isinstance(runs, tuple) else (runs,)) if folder is not None]
-    cities = {city_of(manifest) for manifest in found if manifest is not None}
+def _of_one_city(_context: click.Context, _parameter: click.Parameter, runs: tuple[Path, ...]) -> tuple[Path, ...]:
+    cities = {city_of(manifest) for manifest in map(read_manifest, runs) if manifest is not None}
     if len(cities) > 1:
         raise InputError(f"the runs are of several cities: {', '.join(sorted(cities))}; take those of one")
-    for name in cities:
-        use_city(name)
     return runs
 
 
 def words(name: str, help: str) -> Option:
-    shown = completed(lambda: types_and_groups(DataSet.in_use().catalog))
+    shown = completed_of(lambda data: types_and_groups(data.catalog))
     return click.option(name, multiple=True, metavar="TYPE,GROUP,…", callback=_words, help=help, shell_complete=shown)
 
 
@@ -167,16 +156,19 @@ def limit(help: str) -> Option:
     return click.option("--limit", type=POSITIVE, metavar="N", help=help)
 
 
-def _of_city(callback: Callable[..., None]) -> Option:
-    help, names = (f"Whose data set (tsbench city list); default: {CITY}, or {OWN_CITY}.", completed(city_names))
-    given: dict[str, Any] = {"expose_value": False, "is_eager": True, "shell_complete": names, "help": help}
-    return click.option("--city", metavar="NAME", callback=callback, **given)
+def _of_city(read: Callable[[str], DataSet], *names: str, kind: Any = click.option, **given: Any) -> Option:
+    """What names a city; the command gets its data set as `data`."""
+    given |= {"metavar": "NAME", "shell_complete": completed(city_names)}
+    made: Option = kind(*names, "data", callback=lambda _context, _parameter, name: read(name), **given)
+    return made
 
 
-city = _of_city(_city)
+_told: dict[str, Any] = {"is_eager": True, "envvar": CITY, "default": OWN_CITY}
+_told["help"] = f"Whose data set (tsbench city list); default: {CITY}, or {OWN_CITY}."
+city = _of_city(DataSet.driven, "--city", **_told)
 # For commands that make data, which are of the city as it is stored.
-made_city = _of_city(_made_city)
-city_name = click.argument("name", callback=_made_city, expose_value=False, shell_complete=completed(city_names))
+made_city = _of_city(DataSet.named, "--city", **_told)
+city_name = _of_city(DataSet.named, kind=click.argument)
 
 
 # What Overpass is asked for.
@@ -195,7 +187,7 @@ _server = click.option("--server", metavar="URL", help="Who answers for Overpass
 more = words("--more", "Types and groups that are drawn three times as often.")
 osm = click.option("--osm", "osm_dir", type=PATH, help="Folder of extracts.  [default: sumo_nets/sources]")
 caption_country = country("Sign with this country's plates and codes, such as de; rules stay as they are.")
-runs = click.argument("runs", nargs=-1, required=True, metavar="RUN…", type=PATH, callback=of_their_city)
+runs = click.argument("runs", nargs=-1, required=True, metavar="RUN…", type=PATH, callback=_of_one_city)
 workers = click.option(
     "--workers", type=POSITIVE, default=own_cores, show_default="one per core", metavar="N", help="Processes."
 )

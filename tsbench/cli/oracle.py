@@ -22,6 +22,7 @@ from tsbench.learn.oracle.select import verify as verify_drives
 from tsbench.learn.oracle.trajectories import trajectories_path
 from tsbench.run.plan import Request
 from tsbench.run.run_progress import ProgressWatcher
+from tsbench.scenarios.data_set import DataSet
 
 _FOLDER = "runs/oracle"
 _split = options.split("train")
@@ -55,15 +56,16 @@ def oracle() -> None:
 @options.out("Folder; one with part of a collection is continued.", _FOLDER, type=options.FOLDER)
 @click.option("--redrive", is_flag=True, help="Drive again what other code of an expert has driven.")
 def collect(
-    split: str, types: Words, limit: int | None, variants: str, planners: Words, tries: int, **others: Any
-) -> None:
+    data: DataSet, split: str, types: Words, limit: int | None, variants: str, planners: Words, tries: int,
+    **others: Any,
+) -> None:  # fmt: skip
     """Drive each expert on each scenario; the same command continues, other experts and scenarios are added.
 
     Exit codes: 0 complete, 1 with drives that broke off, 2 wrong usage or bad input, 130 interrupted.
     """
     request = Request(planners or experts(), split, types, limit, variants)
     asked = CollectOptions(request=request, tries=tries, **others)
-    found = collect_drives(asked, ProgressWatcher(progress_console()))
+    found = collect_drives(data, asked, ProgressWatcher(progress_console()))
     _tell(found, tries)
     if not found.complete:
         sys.exit(EXIT_INTERRUPTED)
@@ -73,11 +75,12 @@ def collect(
 
 @oracle.command()
 @_folder
+@options.city
 @options.trajectories
 @options.allow_partial
-def select(folder: Path, trajectories: Path | None, allow_partial: bool) -> None:
+def select(folder: Path, data: DataSet, trajectories: Path | None, allow_partial: bool) -> None:
     """Keep the best two successful drives of each scenario of the collection DIR (default: runs/oracle)."""
-    found = select_drives(folder, trajectories or trajectories_path(), allow_partial)
+    found = select_drives(data, folder, trajectories or trajectories_path(), allow_partial)
     share = 100.0 * found.covered / found.scenarios if found.scenarios else 0.0
     click.echo(
         f"{found.drives} drives of {found.covered} of {found.scenarios} driven scenarios ({share:.2f} %): "
@@ -93,18 +96,18 @@ def select(folder: Path, trajectories: Path | None, allow_partial: bool) -> None
 @_split
 @options.trajectories
 @analysis_out("oracle.csv, oracle.tex, oracle.md, oracle.png and oracle.svg")
-def stats(split: str, trajectories: Path | None, out: Path) -> None:
+def stats(data: DataSet, split: str, trajectories: Path | None, out: Path) -> None:
     """Coverage, and whose drives were chosen, by group: a table and a figure."""
-    show_analysis(stats_of(trajectories or trajectories_path(), split), out)
+    show_analysis(stats_of(data, trajectories or trajectories_path(), split), out)
 
 
 @oracle.command()
 @_split
 @options.trajectories
 @options.limit("So many drives, drawn at random; default: all.")
-def verify(split: str, trajectories: Path | None, limit: int | None) -> None:
+def verify(data: DataSet, split: str, trajectories: Path | None, limit: int | None) -> None:
     """Replay chosen drives and compare each with its fingerprints."""
-    count = verify_drives(trajectories or trajectories_path(), split, limit)
+    count = verify_drives(data, trajectories or trajectories_path(), split, limit)
     click.echo(f"{count} drives replayed, all as recorded")
 
 
@@ -114,11 +117,11 @@ def verify(split: str, trajectories: Path | None, limit: int | None) -> None:
 @options.limit("So many drives, the table's first; default: all.")
 @click.option("--rank", type=click.IntRange(0), default=1, show_default=True, help="Drives up to this rank; 0: all.")
 @options.out("File to write.", "oracle-ticks.parquet", type=options.FILE)
-def export(split: str, trajectories: Path | None, limit: int | None, rank: int, out: Path) -> None:
+def export(data: DataSet, split: str, trajectories: Path | None, limit: int | None, rank: int, out: Path) -> None:
     """Drive chosen drives again and write their ticks: state, plates, lanes, action, reward terms."""
     from tsbench.learn.oracle.export import export as export_drives
 
-    drives, ticks = export_drives(trajectories or trajectories_path(), split, out, rank, limit)
+    drives, ticks = export_drives(data, trajectories or trajectories_path(), split, out, rank, limit)
     click.echo(f"{drives} drives, {ticks} ticks in {out} ({out.stat().st_size / 1e6:.2f} MB)")
 
 

@@ -65,7 +65,8 @@ def _print_parts() -> None:
 @options.count("--limit", default=10, least=2, most=100, help="Scenes to drive.")
 @click.option("--submission", is_flag=True, help="Drive it isolated, and say what `tsbench submit` would refuse.")
 @options.image
-def check(planner: str, limit: int, submission: bool, image: str | None) -> int:
+@options.city
+def check(planner: str, limit: int, submission: bool, image: str | None, data: DataSet) -> int:
     """Drive PLANNER through a few dev scenes and say what is wrong with it; exit code 1 if anything is."""
     if submission:
         return _check_submission(planner, limit, image)
@@ -76,14 +77,14 @@ def check(planner: str, limit: int, submission: bool, image: str | None) -> int:
 
     loaded = registry.resolve(planner)
     # Somebody's own data set may have no dev split.
-    there = DataSet.in_use().splits
+    there = data.splits
     split = "dev" if "dev" in there or not there else there[0]
-    chosen = choose(DataSet.in_use().table(split), limit)
+    chosen = choose(data.table(split), limit)
     console = Console()
     found = check_statically(loaded)
     if all(f.level is not Level.PROBLEM for f in found):
         with console.status(f"driving {len(chosen)} {split} scenes"):
-            found += check_driving(planner, chosen)
+            found += check_driving(planner, chosen, data)
     return _tell(planner, found, console)
 
 

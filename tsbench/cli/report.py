@@ -21,7 +21,7 @@ _LARGEST = "Largest size of the file; players are left out, violations last."
 
 
 @click.command()
-@click.argument("run", type=options.PATH, callback=options.of_their_city)
+@click.argument("run", type=options.PATH)
 @options.choice("--by", tuple(GROUPINGS), "planner", "What they are grouped by; the largest group first.")
 @click.option("--json", "as_json", is_flag=True, help="A list for programs, in no groups.")
 @options.allow_partial
@@ -64,7 +64,7 @@ def report(runs: tuple[Path, ...], out: Path | None, **asked: Any) -> None:
 
 
 @click.command()
-@click.argument("runs", metavar="[RUN…]", nargs=-1, type=options.PATH, callback=options.of_their_city)
+@click.argument("runs", metavar="[RUN…]", nargs=-1, type=options.PATH)
 @click.option("--port", type=click.IntRange(0, 65535), default=8765, show_default=True, help="0: any that is free.")
 def view(runs: tuple[Path, ...], port: int) -> None:
     """Serve the reports of RUNs (default: all below runs/) to a browser on this machine, until Ctrl-C.

@@ -46,12 +46,12 @@ def run(**given: Any) -> None:
         sys.exit(EXIT_FAILED)
 
 
-def drive(**given: Any) -> RunResult:
-    """The run that the options of `tsbench run` ask for, in the data set in use; its folder has the tables as text.
+def drive(data: DataSet, **given: Any) -> RunResult:
+    """The run that the options of `tsbench run` ask for, in a data set; its folder has the tables as text.
 
     Raises InputError: wrong options, bad input, or a folder that cannot be used.
     """
-    asked = RunOptions(**given, city=DataSet.driven(None).name)
+    asked = RunOptions(**given, city=data.name)
     ended = run_session(asked, ProgressWatcher(progress_console()), listeners_of(asked.listeners))
     if ended.summary is not None:
         _write_tables(ended.folder, ended.summary)
@@ -59,7 +59,7 @@ def drive(**given: Any) -> RunResult:
 
 
 @click.command()
-@click.argument("folder", metavar="RUN", type=options.PATH, callback=options.of_their_city)
+@click.argument("folder", metavar="RUN", type=options.PATH)
 def rescore(folder: Path) -> None:
     """Judge RUN's traces again, compute all its figures again, and compare with what stands in it.
 
@@ -77,7 +77,7 @@ def rescore(folder: Path) -> None:
         f"{folder}: {result.traces} traces judged again, {result.untraced} episodes without a trace, "
         f"disagreements: {len(result.disagreements)}"
     )
-    write_rescored(folder, DataSet.in_use(), result.contract, result.traces, result.untraced, len(result.disagreements))
+    write_rescored(folder, result.data, result.contract, result.traces, result.untraced, len(result.disagreements))
     if result.disagreements:
         sys.exit(EXIT_FAILED)
 
@@ -99,8 +99,9 @@ def _tell(ended: RunResult, console: Console) -> None:
     if ended.summary is not None:
         heads, rows = headline(ended.summary.planners)
         print_table(heads, rows, title=ended.summary.title)
-        lines.append(contract_line(ended.summary.contract_hash, DataSet.in_use()))
-        failed = list(examples(read_run(ended.folder)))
+        stored = read_run(ended.folder)
+        lines.append(contract_line(ended.summary.contract_hash, stored.data))
+        failed = list(examples(stored))
         lines += failed
     lines += [f"{ended.finished} of {ended.asked} episodes finished, {ended.errors} with an error outcome"]
     if ended.finished < ended.asked:

@@ -18,7 +18,7 @@ from tsbench.core.files import write_atomic
 from tsbench.make.certify.certifier import draw_sample, recertify
 from tsbench.make.city import sources_dir
 from tsbench.make.dataset_tables import axes_table, dataset_page, dataset_tables, tagging, tagging_table, type_axes
-from tsbench.make.scenes.overview import build_report, shown_reason, type_stats
+from tsbench.make.scenes.overview import build_report, report_file, shown_reason, type_stats
 from tsbench.make.scenes.verify import (
     finding_counts,
     lint_rows,
@@ -40,8 +40,8 @@ from tsbench.signs.countries import Country
 from tsbench.sim.sumo import Simulation
 
 
-def _find(scenario_id: str) -> ScenarioSpec:
-    for spec in options.rows_of(DataSet.in_use(), None):
+def _find(data: DataSet, scenario_id: str) -> ScenarioSpec:
+    for spec in options.rows_of(data, None):
         if spec.scenario_id == scenario_id:
             return spec
     raise InputError(f"no scenario {scenario_id!r} (tsbench scenarios list names them)")
@@ -67,15 +67,14 @@ def scenarios() -> None:
 @options.made_city
 @options.osm
 @options.workers
-def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
+def build(data: DataSet, types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Fill each type's quotas from the pool: tables, scene files and certificates. Resumable."""
     from tsbench.make.scenes.build import BuildRequest, build_scenarios
 
-    data = DataSet.in_use()
     chosen, root = options.types_of(data, types), data.folder / "scenarios"
     with bars() as show:
         reports = build_scenarios(
-            BuildRequest(chosen, osm_dir or sources_dir(), root, workers, splits=splits or SPLITS), show
+            BuildRequest(data, chosen, osm_dir or sources_dir(), root, workers, splits=splits or SPLITS), show
         )
     rows = [
         (
@@ -100,9 +99,8 @@ def build(types: tuple[str, ...], splits: tuple[str, ...], osm_dir: Path | None,
 @options.split(made=True)
 @click.option("--each", type=options.POSITIVE, metavar="N", help="N pairs of each type, drawn at random; default: all.")
 @options.workers
-def certify(types: tuple[str, ...], split: str | None, each: int | None, workers: int) -> None:
+def certify(data: DataSet, types: tuple[str, ...], split: str | None, each: int | None, workers: int) -> None:
     """Drive rows once more in other processes and renew their certificates. Resumable; exit code 1 if any fails."""
-    data = DataSet.in_use()
     rows = options.rows_of(data, split, types)
     if each is not None:
         rows = draw_sample(rows, each)
@@ -115,9 +113,9 @@ def certify(types: tuple[str, ...], split: str | None, each: int | None, workers
 @scenarios.command("list")
 @options.split()
 @options.types
-def list_(split: str | None, types: tuple[str, ...]) -> None:
+def list_(data: DataSet, split: str | None, types: tuple[str, ...]) -> None:
     """One scenario id per line."""
-    for spec in options.rows_of(DataSet.in_use(), split, types):
+    for spec in options.rows_of(data, split, types):
         click.echo(spec.scenario_id)
 
 
@@ -126,10 +124,10 @@ def list_(split: str | None, types: tuple[str, ...]) -> None:
 @options.city
 @options.png("Draw the scene to this file.")
 @options.caption_country
-def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
+def show(data: DataSet, scenario_id: str, png: Path | None, country: Country | None) -> None:
     """A scenario as text, and as a picture."""
-    spec = _find(scenario_id)
-    scene = load_scene(DataSet.in_use(), spec)
+    spec = _find(data, scenario_id)
+    scene = load_scene(data, spec)
     facts = {**{key: str(value) for key, value in asdict(spec).items()}, **scene_facts(scene, country)}
     print_table(("field", "value"), facts.items(), title=scenario_id, left=2)
     if png is not None:
@@ -144,9 +142,9 @@ def show(scenario_id: str, png: Path | None, country: Country | None) -> None:
 @options.city
 @options.out("Folder for the scene's files.  [default: runs/scenes/ID]", type=options.FOLDER)
 @click.option("--run", "launch", is_flag=True, help="Start sumo-gui too.")
-def open_(scenario_id: str, out: Path | None, launch: bool) -> None:
+def open_(data: DataSet, scenario_id: str, out: Path | None, launch: bool) -> None:
     """Write a scene's files into a folder, and print the sumo-gui command that opens them."""
-    scene = load_scene(DataSet.in_use(), _find(scenario_id))
+    scene = load_scene(data, _find(data, scenario_id))
     folder = out or Path("runs/scenes") / scenario_id
     files = {folder / file.path.name.removesuffix(".gz"): file.content for file in (scene.net, scene.additional)}
     try:
@@ -167,9 +165,8 @@ def open_(scenario_id: str, out: Path | None, launch: bool) -> None:
 
 @scenarios.command()
 @options.split(made=True)
-def verify(split: str | None) -> None:
+def verify(data: DataSet, split: str | None) -> None:
     """Check hashes, files and scenes of all rows; exit code 1 and one line per problem."""
-    data = DataSet.in_use()
     rows = options.rows_of(data, split)
     with bars() as show:
         problems = verify_rows(rows, SceneLoader(data), lambda n: show("verify", n, len(rows)))
@@ -185,9 +182,8 @@ def verify(split: str | None) -> None:
 @options.types
 @options.split(made=True)
 @click.option("--each", type=options.POSITIVE, metavar="N", help="N pairs of each type, drawn; default: all.")
-def lint(types: tuple[str, ...], split: str | None, each: int | None) -> None:
+def lint(data: DataSet, types: tuple[str, ...], split: str | None, each: int | None) -> None:
     """Check where plates stand (sign_catalog/places.yaml) and whether vehicles break them; exit code 1 if so."""
-    data = DataSet.in_use()
     rows = options.rows_of(data, split, types)
     rows = rows if each is None else draw_sample(rows, each)
     with bars() as show:
@@ -205,13 +201,13 @@ def lint(types: tuple[str, ...], split: str | None, each: int | None) -> None:
     metavar="FILE",
     help="Write a page there, and its tables as CSV beside it, in `tables/`.",
 )
-def stats(markdown: Path | None) -> None:
+def stats(data: DataSet, markdown: Path | None) -> None:
     """Rows, maps, unique places, certificates, distinct values per axis, tagging and quotas per type and split."""
-    rows = options.rows_of(DataSet.in_use(), None)
-    counted, quotas = dataset_tables(type_stats(rows), build_report())
+    rows = options.rows_of(data, None)
+    counted, quotas = dataset_tables(type_stats(data, rows), build_report(report_file(data)))
     with bars() as show:
-        axes = type_axes(rows, lambda done, of: show("scenes", done, of))
-    tables = (counted, axes_table(axes), tagging_table(tagging(rows)), quotas)
+        axes = type_axes(data, rows, lambda done, of: show("scenes", done, of))
+    tables = (counted, axes_table(axes), tagging_table(tagging(data, rows)), quotas)
     for table in tables:
         show_analysis(table, None)
     if markdown is not None:
@@ -226,11 +222,10 @@ def stats(markdown: Path | None) -> None:
 @options.split()
 @options.out("The page to write.", "scenarios.html", type=options.FILE)
 @options.workers
-def browse(types: tuple[str, ...], split: str | None, out: Path, workers: int) -> None:
+def browse(data: DataSet, types: tuple[str, ...], split: str | None, out: Path, workers: int) -> None:
     """Write one page to look at the data set: types, places, scenes, certificates. At most 20 MB, opens from disk."""
     from tsbench.make.dataset_page import write_dataset_page  # brings pictures
 
-    data = DataSet.in_use()
     rows = options.rows_of(data, split, types)
     with bars() as show:
         size = write_dataset_page(data, rows, out, workers, lambda done, of: show("maps", done, of))
@@ -241,11 +236,10 @@ def browse(types: tuple[str, ...], split: str | None, out: Path, workers: int) -
 @options.split()
 @options.count("--limit", default=300, help="Driven for the cruise speed.")
 @analysis_out("calibration.csv, .tex, .md, .png and .svg")
-def calibration(split: str | None, limit: int, out: Path) -> None:
+def calibration(data: DataSet, split: str | None, limit: int, out: Path) -> None:
     """Initial speed, cruise speed and density against nuPlan's: KS distances and a figure of the CDFs."""
     from tsbench.report.analyses.traffic_calibration import calibration as compared
 
-    data = DataSet.in_use()
     rows = options.rows_of(data, split)
     names = {s.scenario_id for s in rows}
     proven = [c for c in certificates_of(data) if c.scenario_id in names]

@@ -10,7 +10,7 @@ from tsbench.board.seal import build_sealed, commitments, make_secret, problems,
 from tsbench.cli import options
 from tsbench.cli.console import bars
 from tsbench.core.errors import TsbenchError
-from tsbench.make.city import chosen_city, sources_dir
+from tsbench.make.city import sources_dir
 from tsbench.run.edition import edition_now
 from tsbench.scenarios.data_set import DataSet
 
@@ -36,21 +36,20 @@ def secret(file: Path) -> None:
 @options.types
 @options.osm
 @options.workers
-def build(secret: Path, types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
+def build(data: DataSet, secret: Path, types: tuple[str, ...], osm_dir: Path | None, workers: int) -> None:
     """Build the city NAME's data set as `tsbench city build` does, drawn with a secret. Resumable."""
-    data = DataSet.in_use()
     chosen = options.types_of(data, types)
     with bars() as show:
-        build_sealed(chosen, osm_dir or sources_dir(), secret, workers, show)
-    click.echo(f"{edition_now(data)}: tsbench seal commit {chosen_city().name} --out FILE")
+        build_sealed(data, chosen, osm_dir or sources_dir(), secret, workers, show)
+    click.echo(f"{edition_now(data)}: tsbench seal commit {data.name} --out FILE")
 
 
 @seal.command()
 @options.city_name
 @options.out("The file to publish.", type=options.FILE, required=True)
-def commit(out: Path) -> None:
+def commit(data: DataSet, out: Path) -> None:
     """Write down the hashes of a sealed data set and of its secret: what is published before the scenes are."""
-    found = commitments()
+    found = commitments(data)
     write_commitments(found, out)
     rows = ", ".join(f"{split} {sum(counts.values()):,} rows" for split, counts in found.rows.items())
     click.echo(f"{out}: {found.edition}, {rows}, {len(found.files)} files")
@@ -62,7 +61,6 @@ def commit(out: Path) -> None:
 def check(file: Path, secret: Path | None) -> None:
     """Are the scenes that are here those that were committed to? Exit code 1 where they are not."""
     published = read_commitments(file)
-    options.use_city(published.name)
     found = problems(published, secret)
     for line in found:
         click.echo(line)

@@ -11,7 +11,7 @@ from tsbench.cli.console import show_analysis
 from tsbench.report.analyses.analysis import Analysis, Row, Table
 from tsbench.report.analyses.columns import count_columns, number_columns, text_columns
 from tsbench.scenarios.data_set import DataSet
-from tsbench.signs.catalog import Catalog
+from tsbench.signs.catalog import Catalog, load_catalog
 from tsbench.signs.countries import Country, load_countries, write_csv
 from tsbench.signs.listing import countries_table, country_table, sign_page, sign_table
 
@@ -22,26 +22,28 @@ def signs() -> None:
 
 
 @signs.command("list")
-def list_signs() -> None:
+@options.city
+def list_signs(data: DataSet) -> None:
     """Print all signs with their scenario types."""
-    Console().print(sign_table(DataSet.in_use().catalog))
+    Console().print(sign_table(data.catalog))
 
 
 @signs.command("show")
-@click.argument("code", shell_complete=options.completed(lambda: DataSet.in_use().catalog.signs))
-def show_sign(code: str) -> None:
+@click.argument("code", shell_complete=options.completed_of(lambda data: data.catalog.signs))
+@options.city
+def show_sign(code: str, data: DataSet) -> None:
     """Print what the catalogue says about the sign CODE, such as 3.24."""
-    Console().print(sign_page(DataSet.in_use().catalog.sign(code)))
+    Console().print(sign_page(data.catalog.sign(code)))
 
 
 @signs.command("pages")
 @options.types
+@options.city
 @options.out("Folder for pages and pictures.", type=options.FOLDER, required=True)
-def write_pages(types: tuple[str, ...], out: Path) -> None:
+def write_pages(types: tuple[str, ...], data: DataSet, out: Path) -> None:
     """Write a page for each scenario type: law, rule, a violation and an obedient pass of the same scene."""
     from tsbench.make.sign_pages import PageMaker
 
-    data = DataSet.in_use()
     maker = PageMaker(data, out)
     for name in options.types_of(data, types) or maker.types:
         click.echo(str(maker.write(name)))
@@ -50,12 +52,13 @@ def write_pages(types: tuple[str, ...], out: Path) -> None:
 
 @signs.command("sheet")
 @options.out("PNG file to write.", type=options.FILE, required=True)
+@options.city
 @options.caption_country
-def draw_sheet(out: Path, country: Country | None) -> None:
+def draw_sheet(out: Path, data: DataSet, country: Country | None) -> None:
     """Draw all plates by group on one page."""
     from tsbench.signs.sheet import save_sheet  # Pillow and the renderer only where pictures are drawn
 
-    save_sheet(DataSet.in_use().catalog, out, country)
+    save_sheet(data.artwork(country), out)
     click.echo(str(out))
 
 
@@ -65,7 +68,7 @@ def draw_sheet(out: Path, country: Country | None) -> None:
 @options.out("Also write it as CSV, LaTeX and Markdown.", type=options.FOLDER)
 def show_equivalents(country: Country | None, path: Path | None, out: Path | None) -> None:
     """Print how many signs each country has an equivalent of, or one country's own codes."""
-    catalog, countries = DataSet.in_use().catalog, load_countries() if country is None else (country,)
+    catalog, countries = load_catalog(), load_countries() if country is None else (country,)
     table = countries_table(countries) if country is None else country_table(catalog, country)
     Console().print(table)
     if path is not None:

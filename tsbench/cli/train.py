@@ -108,7 +108,7 @@ def _train(planner: str, out: Path, **asked: Any) -> None:
     job = ppo_training.Job(planner, out, **asked)
     # Its processes read the rows themselves; what they lack is said before they start.
     _train_rows(job.types)
-    options.types_of(DataSet.in_use(), job.more, "--more")
+    options.types_of(DataSet(), job.more, "--more")
     _tell(out, ppo_training.train(job, click.echo))
 
 
@@ -215,7 +215,7 @@ def frames(workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
 def _recipe(
     planners: Words, types: Words, more: Words, trajectories: Path | None, perception: str, **figures: Any
 ) -> tuple[FineTuning, list[ScenarioSpec]]:
-    path, often = trajectories or trajectories_path(), options.types_of(DataSet.in_use(), more, "--more")
+    path, often = trajectories or trajectories_path(), options.types_of(DataSet(), more, "--more")
     recipe = FineTuning(
         trajectories=path, drivers=planners, types=types, more=often, perception=load_level(perception), **figures
     )
@@ -287,7 +287,7 @@ def measure(
 
 def _train_rows(words: tuple[str, ...]) -> list[ScenarioSpec]:
     """The train table's rows of some types and groups, whose files are there."""
-    data = DataSet.in_use()
+    data = DataSet()
     rows = options.rows_of(data, "train", words)
     check_files(rows, data)
     return rows
@@ -311,7 +311,7 @@ def plates_of(row: ScenarioSpec, loader: SceneLoader) -> tuple[Plate, ...]:
 
 def count_plates(rows: Iterable[ScenarioSpec]) -> dict[Plate, tuple[int, int]]:
     """Signed and contrast halves in which a plate stands, of rows that have a pair."""
-    loader = SceneLoader(DataSet.in_use())
+    loader = SceneLoader(DataSet())
     there: dict[str, Counter[Plate]] = {SIGNED: Counter(), CONTRAST: Counter()}
     for row in rows:
         if row.pair_id:

@@ -5,17 +5,15 @@ A folder named by TSBENCH_DATA, or else the clone that this package lies in, is 
 installed from its wheel has three: the package itself (the catalogue), the package `tsbench_data` (what the test split
 needs), and a folder of the user, of this version, for what `tsbench data fetch` brings.
 
-One city's data set is in use: the benchmark's own, in the folders just named, or one that was built here, which
-TSBENCH_CITY (`--city`) names and which stands in folders of the same names below `cities/data/<city>`.
-A user names a city; `driven_city` is the data set that is driven for it: of one with traffic on the left, its mirror.
+The benchmark's own data set is in the folders just named; that of a city which was built here is in folders of the
+same names below `cities/data/<city>`. `--city`, or else TSBENCH_CITY, names a city; `driven_city` is the data set that
+is driven for it: of one with traffic on the left, its mirror.
 """
 
 from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
@@ -59,21 +57,6 @@ def resolved(path: Path) -> Path:
     return path.resolve()
 
 
-def city_in_use() -> str:
-    """The name of the city whose data set is used. Raises InputError for what cannot be one."""
-    return checked_city(os.environ.get(CITY) or OWN_CITY)
-
-
-def mirrored_in_use() -> bool:
-    """Is the data set in use another one's mirror image, with traffic on the left?"""
-    return city_in_use().startswith(MIRRORED)
-
-
-def source_city() -> str:
-    """The city whose files the data set in use is read from: its own, or those that it mirrors."""
-    return city_in_use().removeprefix(MIRRORED)
-
-
 def is_city_name(name: str) -> bool:
     """Can it be a city's name? No path is."""
     return len(name) <= _LONGEST and re.fullmatch(r"[a-z0-9]+(-[a-z0-9]+)*", name) is not None
@@ -84,22 +67,6 @@ def checked_city(name: str) -> str:
     if not is_city_name(name):
         raise InputError(f"{CITY} (--city) {name!r}: a city's name is of a-z, 0-9 and '-' (tsbench city list)")
     return name
-
-
-@contextmanager
-def using_city(name: str) -> Iterator[None]:
-    """Another city's data set for as long as this lasts, here and in processes that are started meanwhile.
-
-    Raises InputError for a name that cannot be one.
-    """
-    before = os.environ.get(CITY)
-    os.environ[CITY] = checked_city(name)
-    try:
-        yield
-    finally:
-        del os.environ[CITY]
-        if before is not None:
-            os.environ[CITY] = before
 
 
 def fetch_root() -> Path:
@@ -186,10 +153,3 @@ def driven_city(name: str) -> str:
 def _side(path: Path) -> str:
     described = read_yaml(path, "a city")
     return str(described.get("side", RIGHT)) if isinstance(described, dict) else RIGHT
-
-
-@contextmanager
-def driving(city: str) -> Iterator[None]:
-    """Within it pictures show the plates of what is driven for a city."""
-    with using_city(driven_city(city)):
-        yield

@@ -101,7 +101,7 @@ class Episode:
         self._is_loaded = False
         try:
             heartbeat(Phase.LOADING)
-            scene, roads = (SceneLoader(DataSet.in_use()) if loader is None else loader).load(spec)
+            scene, roads = (SceneLoader(DataSet()) if loader is None else loader).load(spec)
             scene.catalog.check_plates(
                 spec.sign_code, {s.id: s.code for s in scene.signs if s.role != DISTRACTOR}, spec.scenario_id
             )

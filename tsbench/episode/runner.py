@@ -37,7 +37,7 @@ class EpisodeRunner:
         self._loaded, self._perception, self._beat = planner, perception, heartbeat
         self._planner: Planner | None = None
         self.simulation = Simulation() if simulation is None else simulation
-        self._loader = SceneLoader(data or DataSet.in_use()) if loader is None else loader
+        self._loader = SceneLoader(data or DataSet()) if loader is None else loader
 
     def prepare(self, spec: ScenarioSpec) -> None:
         """Make the planner and load the roads of a row, for children of this process to begin with.

@@ -1,6 +1,6 @@
 """A city as data: `cities/<name>.yaml` says what its data set is made from, and how its tiles are split.
 
-With it stand the folders of map data below `sumo_nets/`, and the extracts of the city in use, the best tagged first.
+With it stand the folders of map data below `sumo_nets/`, and the extracts of a city, the best tagged first.
 """
 
 from __future__ import annotations
@@ -113,11 +113,6 @@ class City:
         return driven_as(self.name, self.side)
 
 
-def chosen_city() -> City:
-    """The city whose data set is in use (`--city`)."""
-    return load_city(DataSet.in_use().name)
-
-
 def load_city(name: str) -> City:
     """The description of a city. Raises InputError (file, key, problem)."""
     path = cities_folder() / f"{name}.yaml"
@@ -227,12 +222,12 @@ def netconvert_file(name: str) -> Path:
     return data_file(f"sumo_nets/netconvert/{name}")
 
 
-def types_file() -> Path:
+def types_file(data: DataSet) -> Path:
     """The city's type map: what netconvert takes for lanes, speeds and widths by road class.
 
     One with its country's speeds is made below `build_dir()`, the same bytes each time.
     """
-    city = chosen_city()
+    city = load_city(data.name)
     if city.types != COUNTRY_TYPES:
         return netconvert_file(city.types)
     made = build_dir() / "types" / f"{city.country}.typ.xml"
@@ -254,30 +249,30 @@ def _types_of_country(code: str, town: Path, made: Path) -> Path:
     return made
 
 
-def made_pool() -> Path:
+def made_pool(data: DataSet) -> Path:
     """Where a harvest writes the city's pool; its counts lie beside it."""
-    return DataSet.in_use().folder / "sumo_nets" / "pool.parquet"
+    return data.folder / "sumo_nets" / "pool.parquet"
 
 
-def extract_info(name: str) -> Extract:
+def extract_info(data: DataSet, name: str) -> Extract:
     """An extract of the city; another counts as well tagged, ranks after those, and is its own code."""
-    known = chosen_city().extracts
+    known = load_city(data.name).extracts
     other = Extract(name, name, True, "", "", "", 0, "", rank=len(known))
     return next((extract for extract in known if extract.name == name), other)
 
 
-def by_preference(names: list[str]) -> list[str]:
+def by_preference(data: DataSet, names: list[str]) -> list[str]:
     """The names with well-tagged extracts first, in the city's order, then by name."""
-    infos = [extract_info(name) for name in names]
+    infos = [extract_info(data, name) for name in names]
     return [info.name for info in sorted(infos, key=lambda e: (not e.well_tagged, e.rank, e.name))]
 
 
-def find_extract(name: str, osm_dir: Path) -> Path:
+def find_extract(data: DataSet, name: str, osm_dir: Path) -> Path:
     """The extract called `name` in a folder, whatever its kind. Raises InputError for none or two."""
     found = extracts_in(osm_dir, name)
     if name in found:
         return found[name]
-    address = extract_info(name).address
+    address = extract_info(data, name).address
     other = next((f" ({path.name} is not called so: rename it)" for path in found.values()), "")
     raise InputError(
         f"{osm_dir}: no extract '{name}' here ({name}.osm.gz or like){other}; "
@@ -286,16 +281,16 @@ def find_extract(name: str, osm_dir: Path) -> Path:
     )
 
 
-def list_extracts(osm_dir: Path) -> list[Path]:
+def list_extracts(data: DataSet, osm_dir: Path) -> list[Path]:
     """The extracts of a folder that a harvest takes, by name.
 
     For Moscow all that lie there. For another city those that it names, each with its SHA-256.
     """
     if not osm_dir.is_dir():
         raise InputError(f"{osm_dir}: no such folder of OSM extracts; `tsbench maps fetch` gets some, or use --osm DIR")
-    city = chosen_city()
+    city = load_city(data.name)
     if city.name != OWN_CITY:
-        named = {find_extract(extract.name, osm_dir): extract for extract in city.extracts}
+        named = {find_extract(data, extract.name, osm_dir): extract for extract in city.extracts}
         for path, extract in named.items():
             check_extract(extract, path)
         return sorted(named)

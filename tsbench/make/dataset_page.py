@@ -29,6 +29,7 @@ from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import POOL_SCHEMA
 from tsbench.scenarios.scene_loader import SceneLoader, load_scene
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.signs.countries import Artwork
 from tsbench.signs.model import ScenarioType, Sign
 from tsbench.signs.plates import plate_svg
 
@@ -112,7 +113,7 @@ def _pack(data: DataSet, rows: Sequence[ScenarioSpec]) -> tuple[bytes, set[str]]
         shown = drawing(scene_shapes(scene, roads.graph, start=True))
         scenes[row.scenario_id] = {**shown, "net": row.net_sha256}
         if row.net_sha256 not in nets:
-            nets[row.net_sha256] = drawing((*ground_shapes(row.map_id), *road_shapes(scene.network, scene)))
+            nets[row.net_sha256] = drawing((*ground_shapes(scene, row.map_id), *road_shapes(scene.network, scene)))
         plates |= set(plate_keys(shown))
     return pack({"roads": nets, "scenes": scenes}), plates
 
@@ -205,7 +206,8 @@ def write_dataset_page(data: DataSet, rows: Sequence[ScenarioSpec], out: Path, w
     for key, packed, shown in pack_scenes(data, groups, workers, progress):
         blobs[scene_blob(*key)] = packed
         plates |= shown
-    pictures = {key: plate_of(key) for key in sorted(plates)}
+    artwork = data.artwork()
+    pictures = {key: plate_of(artwork, key) for key in sorted(plates)}
     text = render_page(
         "dataset.html",
         title="tsbench scenarios",
@@ -235,7 +237,7 @@ def _certificates(data: DataSet, rows: Sequence[ScenarioSpec]) -> list[Certifica
 
 def _cards(data: DataSet, rows: Sequence[ScenarioSpec]) -> list[dict[str, Any]]:
     stats: dict[str, list[TypeStats]] = defaultdict(list)
-    for entry in type_stats(rows):
+    for entry in type_stats(data, rows):
         stats[entry.type_id].append(entry)
     first: dict[str, ScenarioSpec] = {}
     for row in rows:
@@ -256,7 +258,7 @@ def _card(kind: ScenarioType, data: DataSet, stats: Sequence[TypeStats], example
         "family": kind.family.replace("_", " "),
         "names": list(dict.fromkeys(sign.name_en for sign in signs)),
         "codes": [sign.code for sign in signs],
-        "plates": [(sign.code, _svg_uri(sign, example)) for sign in signs],
+        "plates": [(sign.code, _svg_uri(data.artwork(), sign, example)) for sign in signs],
         "counts": [f"{entry.split} {entry.rows:,} on {entry.maps} maps" for entry in stats],
         "shares": shares,
         "example": example.scenario_id,
@@ -264,12 +266,12 @@ def _card(kind: ScenarioType, data: DataSet, stats: Sequence[TypeStats], example
     }
 
 
-def _svg_uri(sign: Sign, example: ScenarioSpec) -> str:
+def _svg_uri(artwork: Artwork, sign: Sign, example: ScenarioSpec) -> str:
     """The plate with the number that the example has, or the smallest that it may have."""
     value = sign.value.allowed[0] if sign.value is not None else None
     if sign.code == example.sign_code:
         value = example.sign_value
-    return f"data:image/svg+xml;base64,{b64encode(plate_svg(sign.code, value).encode()).decode()}"
+    return f"data:image/svg+xml;base64,{b64encode(plate_svg(artwork, sign.code, value).encode()).decode()}"
 
 
 def _picture(data: DataSet, example: ScenarioSpec) -> str:

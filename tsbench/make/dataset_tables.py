@@ -9,7 +9,7 @@ from math import isnan
 from statistics import mean
 from typing import Any
 
-from tsbench.make.city import chosen_city
+from tsbench.make.city import load_city
 from tsbench.make.scenes.overview import TypeStats, shown_reason
 from tsbench.make.scenes.recipe import load_recipes, stratum_of
 from tsbench.make.scenes.split import split_pool
@@ -221,9 +221,9 @@ def asked_of(layout: SceneLayout) -> Asked:
     return Asked((target.code, target.value), target.edge, tuple(others), layout.start.lane, layout.destination.edge)
 
 
-def type_axes(specs: Sequence[ScenarioSpec], progress: Progress) -> list[TypeAxes]:
+def type_axes(data: DataSet, specs: Sequence[ScenarioSpec], progress: Progress) -> list[TypeAxes]:
     """One entry per type and split, in alphabetical order. Reads each signed row's scene. Raises InputError."""
-    loader = SceneLoader(DataSet.in_use())
+    loader = SceneLoader(data)
     # Rows of a map one after the other: the store unpacks a map at a time.
     signed = sorted((s for s in specs if s.half == SIGNED), key=lambda s: (s.split, s.pair_type, s.map_id, s.variant))
     groups: dict[tuple[str, str], list[tuple[ScenarioSpec, Asked]]] = defaultdict(list)
@@ -288,11 +288,10 @@ class Tagging:
         return self.maps - self.plain
 
 
-def tagging(specs: Sequence[ScenarioSpec]) -> list[Tagging]:
+def tagging(data: DataSet, specs: Sequence[ScenarioSpec]) -> list[Tagging]:
     """One entry per type and split, in alphabetical order. Raises InputError."""
-    data = DataSet.in_use()
     pool = read_pool(data.pool_path)
-    known, split_of = {row.map_id: row for row in pool}, split_pool(pool, chosen_city().split)
+    known, split_of = {row.map_id: row for row in pool}, split_pool(pool, load_city(data.name).split)
     used: dict[tuple[str, str], set[str]] = defaultdict(set)
     for spec in specs:
         used[(spec.pair_type, spec.split)].add(spec.map_id)

@@ -230,7 +230,7 @@ def comparison_analyses(matched: Matched) -> tuple[Analysis, ...]:
     notes = (*(f"note: {line}" for line in matched.notes), *others)
     first, *rest = (_scores(NAMES[part], scores) for part, scores in c.scores.items())
     contract = a if a == b else ""
-    tables = [Analysis("scd", matched.title, contract, first, notes)]
+    tables = [Analysis("scd", matched.title, contract, first, notes, data=matched.a.run.data)]
     names = Column("metric", "metric", Kind.TEXT), Column("unit", "unit", Kind.TEXT)
     rows = [row for name, f in c.metrics.items() for row in difference_rows((name, METRICS[name].unit), f)]
     metrics = Table((*names, *difference_columns("A", "B", "B-A", 2)), tuple(rows), 3)

@@ -8,9 +8,8 @@ from __future__ import annotations
 import shlex
 import textwrap
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from types import MappingProxyType
 from typing import Any
 
@@ -31,6 +30,7 @@ from tsbench.run.log.read import StoredRun
 from tsbench.run.log.record import SPEC_COLUMNS
 from tsbench.run.plan import BOTH
 from tsbench.scenarios.spec import pair_type
+from tsbench.signs.countries import Artwork
 
 # Causes of a planner's failures that are told with an example, and columns of a terminal.
 _MOST_CAUSES, _WIDTH = 5, 80
@@ -123,11 +123,11 @@ def failures_of(run: StoredRun) -> list[Failure]:
     place = {name: k for k, name in enumerate(run.asked)}
     episodes = run.episodes.select(_COLUMNS)
     rows = episodes.filter(pc.invert(episodes["scd"])).to_pylist()
-    words = cache(sign_words)
-    return [_failure(row, run, words) for row in sorted(rows, key=lambda row: place[row["planner"]])]
+    artwork = run.data.artwork()
+    return [_failure(row, run, artwork) for row in sorted(rows, key=lambda row: place[row["planner"]])]
 
 
-def _failure(row: Mapping[str, Any], run: StoredRun, words: Callable[[str, float | None], str]) -> Failure:
+def _failure(row: Mapping[str, Any], run: StoredRun, artwork: Artwork) -> Failure:
     story = run.stories.get((row["planner"], row["scenario_id"]))
     if row["error"]:
         cause, sentence = "error", one_line(row["error"])
@@ -137,8 +137,8 @@ def _failure(row: Mapping[str, Any], run: StoredRun, words: Callable[[str, float
     else:
         cause, sentence = row["outcome"], _ending(row)
     names = {name: row[name] for name in ("planner", "scenario_id", "half", "outcome")}
-    kind, plate = (pair_type(row["pair_id"], row["scenario_type"]), words(row["sign_code"], row["sign_value"]))
-    return Failure(**names, type=kind, plate=plate, cause=cause, sentence=sentence)
+    kind, plate = pair_type(row["pair_id"], row["scenario_type"]), (row["sign_code"], row["sign_value"])
+    return Failure(**names, type=kind, plate=sign_words(artwork, *plate), cause=cause, sentence=sentence)
 
 
 def _ending(row: Mapping[str, Any]) -> str:

@@ -324,13 +324,13 @@ def scene_picture(
     view = page[size.header_px : size.height - size.footer_px]
     view[:] = STYLE.ground
     camera = _camera(scene, np.concatenate([_points(half) for half in (scene, beside or scene)]), size)
-    roads = (*ground_shapes(map_id), *road_shapes(scene.network, scene))
+    roads = (*ground_shapes(scene, map_id), *road_shapes(scene.network, scene))
     paint(view, camera, (*roads, *ways, *furniture_shapes(scene, country), *staged))
     draw_scale_bar(view, camera.scale)
     draw_attribution(view)
     facts = scene_facts(scene, country)
     subtitle = f"sign {facts['sign']} · horizon {facts['time']}"
-    page[: size.header_px] = header(size, title, subtitle, scene.target_sign, country=country)
+    page[: size.header_px] = header(size, title, subtitle, scene.target_sign, scene.artwork(country))
     _legend(page[size.height - size.footer_px :], {s.colour for s in ways} | {s.kind for s in staged})
     return page
 

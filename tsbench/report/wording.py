@@ -14,15 +14,15 @@ from tsbench.episode.trace import Trace
 from tsbench.rules.lines import Road
 from tsbench.rules.monitors import verdicts_of_other_half
 from tsbench.signs.contrast import SlowZoneParams
-from tsbench.signs.countries import Country, shown_code, shown_value
+from tsbench.signs.countries import Artwork, Country
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S, WorldSnapshot
 
 _UNITS = MappingProxyType({"m/s2": "m/s²", "deg": "°"})
 
 
-def sign_words(code: str, value: float | None, country: Country | None = None) -> str:
-    return shown_code(code, country) + ("" if value is None else f" ({shown_value(value, country)})")
+def sign_words(artwork: Artwork, code: str, value: float | None) -> str:
+    return artwork.code(code) + ("" if value is None else f" ({artwork.value(value)})")
 
 
 def unit_words(unit: str) -> str:
@@ -45,16 +45,16 @@ def episode_title(trace: Trace) -> str:
     return f"{trace.planner}: {spec.pair_type}{half}"
 
 
-def episode_subtitle(trace: Trace, country: Country | None = None) -> str:
+def episode_subtitle(trace: Trace, artwork: Artwork) -> str:
     spec = trace.spec
-    sign = sign_words(spec.sign_code, spec.sign_value, country)
+    sign = sign_words(artwork, spec.sign_code, spec.sign_value)
     return f"{spec.scenario_id} · sign {sign} · {spec.group} · {spec.split}"
 
 
 def sign_name(scene: Scene) -> str:
     """The target of a scene with its name, such as "2.4 Give way"."""
     sign = scene.target_sign
-    return f"{sign_words(sign.code, sign.value)} {scene.catalog.sign(sign.code).name_en}"
+    return f"{sign_words(scene.artwork(), sign.code, sign.value)} {scene.catalog.sign(sign.code).name_en}"
 
 
 def under_other_sign(scene: Scene, other: Scene, snapshots: Sequence[WorldSnapshot]) -> str:
@@ -82,10 +82,10 @@ def judged_stretch(scene: Scene, at: WorldSnapshot) -> str:
 
 def scene_facts(scene: Scene, country: Country | None = None) -> dict[str, str]:
     """What stands in a scene, which ways lead through it, and for how long one may drive."""
-    sign = scene.target_sign
+    sign, artwork = scene.target_sign, scene.artwork(country)
     return {
-        "sign": f"{sign_words(sign.code, sign.value, country)} on edge {sign.edge} at {sign.position_m:.0f} m",
-        "plates": ", ".join(f"{shown_code(s.code, country)} ({s.role}) on {s.edge}" for s in scene.signs),
+        "sign": f"{sign_words(artwork, sign.code, sign.value)} on edge {sign.edge} at {sign.position_m:.0f} m",
+        "plates": ", ".join(f"{artwork.code(s.code)} ({s.role}) on {s.edge}" for s in scene.signs),
         "obstacles": ", ".join(f"{o.shape} on {o.lane}" for o in scene.obstacles) or "none",
         "convoy": f"{len(scene.convoy.vehicles)} vehicles" if scene.convoy else "none",
         "navigation": " > ".join(scene.route_hint),

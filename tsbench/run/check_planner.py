@@ -28,6 +28,7 @@ from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.check import Finding, Level
 from tsbench.planners.registry import resolve
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_DECEL_MPS2, MAX_STEER_RAD
 
@@ -71,15 +72,17 @@ def choose(specs: Sequence[ScenarioSpec], count: int = SCENES) -> list[ScenarioS
     return chosen
 
 
-def check_driving(spec: str, scenes: Sequence[ScenarioSpec], wait_limit_s: float = _WAIT_LIMIT_S) -> list[Finding]:
-    """Findings from driving the planner through the scenes, the first one three times.
+def check_driving(
+    spec: str, scenes: Sequence[ScenarioSpec], data: DataSet, wait_limit_s: float = _WAIT_LIMIT_S
+) -> list[Finding]:
+    """Findings from driving the planner through scenes of a data set, the first one three times.
 
     wait_limit_s: how long one step of the planner, or making it, may take before it is given up.
     """
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     beats = context.RawValue("Q", 0)
-    child = context.Process(target=_drive, args=(sender, beats, spec, list(scenes)), daemon=True)
+    child = context.Process(target=_drive, args=(sender, beats, spec, list(scenes), data), daemon=True)
     child.start()
     sender.close()
     done, heard, last = 0, 0, time.monotonic()
@@ -112,7 +115,7 @@ def _id(scenes: Sequence[ScenarioSpec], k: int) -> str:
     return scenes[min(k, len(scenes) - 1)].scenario_id
 
 
-def _drive(sender: Connection, beats: Any, spec: str, scenes: list[ScenarioSpec]) -> None:
+def _drive(sender: Connection, beats: Any, spec: str, scenes: list[ScenarioSpec], data: DataSet) -> None:
     """In the child: every scene once, then the first one again with the same planner and with a new one."""
     seen = DriveSample()
 
@@ -124,13 +127,13 @@ def _drive(sender: Connection, beats: Any, spec: str, scenes: list[ScenarioSpec]
         sys.stdout.flush()
         os.dup2(heard.fileno(), 1)
         os.dup2(heard.fileno(), 2)
-        runner = EpisodeRunner(resolve(spec), heartbeat=beat)
+        runner = EpisodeRunner(resolve(spec), heartbeat=beat, data=data)
         for scene in scenes:
             seen.results.append(_light(runner.run(scene)))
             seen.memory.append(_resident())
             sender.send(scene.scenario_id)
         seen.again = _light(runner.run(scenes[0]))
-        seen.fresh = _light(EpisodeRunner(resolve(spec), heartbeat=beat).run(scenes[0]))
+        seen.fresh = _light(EpisodeRunner(resolve(spec), heartbeat=beat, data=data).run(scenes[0]))
         sys.stdout.flush()
         seen.printed = heard.seek(0, io.SEEK_END)
         heard.seek(0)

@@ -89,9 +89,11 @@ def _place(ego: EgoState, roads: Roads, last: int) -> str:
 class Rescore:
     """traces: judged again; untraced: episodes without a readable one; disagreements: one line each.
 
-    contract: of this tsbench for the run's split. note: what to know before reading them, "" if nothing.
+    data: what was driven. contract: of this tsbench for the run's split. note: what to know before reading them, "" if
+    nothing.
     """
 
+    data: DataSet
     contract: str
     traces: int
     untraced: int
@@ -144,7 +146,7 @@ def rescore(folder: Path) -> Rescore:
         if path not in expected and not path.name.startswith("."):
             lines.append(f"{path}: a trace without its episode")
     lines += _summary_lines(folder, manifest, episodes)
-    return Rescore(now, judged, len(rows) - judged, _contract_note(manifest, now), tuple(lines))
+    return Rescore(data, now, judged, len(rows) - judged, _contract_note(manifest, now), tuple(lines))
 
 
 def _had_trace(row: Row, events: list[Row], kept: str) -> bool:

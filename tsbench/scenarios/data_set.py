@@ -34,6 +34,7 @@ from tsbench.core.typed import read_typed
 from tsbench.scenarios.mirror import mirrored_row
 from tsbench.scenarios.spec import CONTRAST, MOST_TICKS, SCHEMA_VERSION, SIGNED, ScenarioSpec
 from tsbench.signs.catalog import Catalog, load_catalog
+from tsbench.signs.countries import Artwork, Country
 
 SplitName = Literal["test", "dev", "holdout", "train"]
 SPLITS: tuple[str, ...] = get_args(SplitName)
@@ -61,22 +62,10 @@ class DataSet:
         return cls(name.removeprefix(MIRRORED), name.startswith(MIRRORED))
 
     @classmethod
-    def in_use(cls) -> DataSet:
-        """The data set that TSBENCH_CITY names; without it the benchmark's own."""
-        return cls.named(os.environ.get(CITY) or OWN_CITY)
-
-    @classmethod
-    def driven(cls, city: str | None) -> DataSet:
-        """The data set that is driven for a city; None: the one in use.
-
-        Raises InputError for one in use that only stores another, whose roads are not as they are.
-        """
-        if city is not None:
-            return cls.named(driven_city(city))
-        data = cls.in_use()
-        if (driven := driven_city(data.name)) != data.name:
-            raise InputError(f"{CITY} {data.name}: is stored in a mirror; name {driven}, or use --city")
-        return data
+    def driven(cls, city: str | None = None) -> DataSet:
+        """The data set that is driven for a city; None: the one that TSBENCH_CITY names, else the benchmark's own."""
+        name = os.environ.get(CITY) or OWN_CITY if city is None else city
+        return cls.named(driven_city(name))
 
     @property
     def name(self) -> str:
@@ -91,6 +80,10 @@ class DataSet:
     def image(self) -> Catalog | None:
         """The catalogue of a mirrored data set, else None."""
         return self.catalog if self.mirrored else None
+
+    def artwork(self, country: Country | None = None) -> Artwork:
+        """How plates look there: as in its city, or in the country that a user asks for."""
+        return Artwork.of(self.catalog, self.city, country)
 
     @property
     def _place(self) -> str:

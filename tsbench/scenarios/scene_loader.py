@@ -45,7 +45,7 @@ class SceneLoader:
 
     def __init__(self, data: DataSet, files: SceneFiles | None = None) -> None:
         self.files = SceneStore(data) if files is None else files
-        self.catalog = data.catalog
+        self.catalog, self._city = data.catalog, data.city
         self._roads: OrderedDict[str, Roads] = OrderedDict()
 
     def load(self, spec: ScenarioSpec) -> tuple[Scene, Roads]:
@@ -60,6 +60,7 @@ class SceneLoader:
             network=roads.network,
             horizon=spec.horizon,
             seed=spec.seed,
+            city=self._city,
         ), roads
 
     def layout(self, spec: ScenarioSpec) -> tuple[SceneFile, SceneLayout]:

@@ -16,11 +16,10 @@ from msgspec import Meta
 from tsbench.core import textfile
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
-from tsbench.core.paths import data_file, mirrored_in_use, source_city
+from tsbench.core.paths import data_file
 from tsbench.core.text import csv_text
 from tsbench.core.typed import Text, read_sheet
 from tsbench.signs.catalog import Catalog, load_catalog, yaml_files
-from tsbench.signs.model import Sign
 
 Side = Literal["left", "right"]
 _CODE = re.compile("[a-z]{2}")
@@ -174,14 +173,6 @@ class Country:
         """A speed as its plates show it: with miles the nearest one there is, a multiple of ten; 50 km/h are 30 mph."""
         return max(10.0, 10.0 * round(kmh / _KM_PER_MILE / 10.0)) if self.unit == "mph" else kmh
 
-    def drawing(self, sign: Sign, plates: Path) -> str:
-        """The file below `plates` with its drawing of a sign."""
-        own = self.equivalents[sign.code].drawing
-        if own is None:
-            return sign.drawing
-        turned = f"left/{own}"
-        return turned if mirrored_in_use() and (plates / turned).is_file() else own
-
     def caption(self, sign: str) -> str:
         """The code that a picture gives a plate: the country's behind its two letters, in Latin letters."""
         entry = self.equivalents[sign]
@@ -229,9 +220,9 @@ def load_countries(root: Path | None = None) -> tuple[Country, ...]:
     return tuple(country for country in found if country.known)
 
 
-def country_in_use() -> Country | None:
-    """The country of the city in use; None where no file says which, or that has no file."""
-    return _of_city(data_file(f"cities/{source_city()}.yaml"), data_file("sign_catalog/countries"))
+def city_country(city: str) -> Country | None:
+    """The country of a city; None where no file says which, or that has no file."""
+    return _of_city(data_file(f"cities/{city}.yaml"), data_file("sign_catalog/countries"))
 
 
 @cache
@@ -241,20 +232,44 @@ def _of_city(city: Path, folder: Path) -> Country | None:
     return _load(path) if path.is_file() else None
 
 
-def shown_code(sign: str, country: Country | None) -> str:
-    """The code that a picture's caption gives a plate: a country's, or the city's country's, or the catalogue's."""
-    if country is not None:
-        return country.caption(sign)
-    own = country_in_use()
-    return sign if own is None or not own.equivalents[sign].exists else own.caption(sign)
+@dataclass(frozen=True)
+class Artwork:
+    """How plates look and what they are called: as in a country, where that draws them, else as in the catalogue.
 
+    asked: a user asked for this country; codes that it lacks are shown as lacking.
+    """
 
-def shown_value(value: float, country: Country | None) -> str:
-    """A posted speed (km/h) in words: its number alone, but where plates count in other units both."""
-    shown = country or country_in_use()
-    if shown is None or shown.unit == "km/h":
-        return f"{value:g}"
-    return f"{shown.posted(value):g} {shown.unit} for {value:g} km/h"
+    catalog: Catalog
+    country: Country | None = None
+    asked: bool = False
+
+    @classmethod
+    def of(cls, catalog: Catalog, city: str, country: Country | None = None) -> "Artwork":
+        """Those of a city's country, or of the one that a user asks for."""
+        return cls(catalog, country or city_country(city), country is not None)
+
+    def drawing(self, code: str, value: float | None) -> tuple[Path, float | None]:
+        """Of a plate: the file with its drawing, and the number that is printed on it."""
+        sign, plates = self.catalog.sign(code), self.catalog.root / "plates"
+        number = sign.effective_value(value)
+        if self.country is None:
+            return plates / sign.drawing, number
+        own = self.country.equivalents[code].drawing
+        if own is not None and self.catalog.image and (plates / "left" / own).is_file():
+            own = f"left/{own}"
+        return plates / (own or sign.drawing), None if number is None else self.country.posted(number)
+
+    def code(self, sign: str) -> str:
+        """The code that a picture's caption gives a plate."""
+        if self.country is None or not (self.asked or self.country.equivalents[sign].exists):
+            return sign
+        return self.country.caption(sign)
+
+    def value(self, value: float) -> str:
+        """A posted speed (km/h) in words: its number alone, but where plates count in other units both."""
+        if self.country is None or self.country.unit == "km/h":
+            return f"{value:g}"
+        return f"{self.country.posted(value):g} {self.country.unit} for {value:g} km/h"
 
 
 def write_csv(catalog: Catalog, countries: Sequence[Country], path: Path) -> None:

@@ -11,9 +11,7 @@ from PIL import Image
 from resvg_py import svg_to_bytes
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import mirrored_in_use
-from tsbench.signs.catalog import load_catalog
-from tsbench.signs.countries import Country, country_in_use
+from tsbench.signs.countries import Artwork
 
 # A small vector font for the numbers on plates, so that they look the same on a machine without fonts. Each glyph is a
 # stroked path on a grid 60 wide and 100 high (y down, baseline at 100), drawn for this project.
@@ -57,36 +55,23 @@ _CAP_HEIGHT = 0.73  # height of a digit as a share of the font size, as in commo
 _CACHED_PICTURES = 512
 
 
-def plate_svg(code: str, value: float | None = None) -> str:
+def plate_svg(artwork: Artwork, code: str, value: float | None = None) -> str:
     """The plate as an SVG document of 200 x 200 units without any text element.
 
-    value: required where the sign prints one. The plate is that of the city in use, where its country has a file, else
-    the catalogue's. Raises InputError for an unknown code or a drawing that does not parse, ValueError for a value
-    that the sign cannot carry.
+    value: required where the sign prints one. Raises InputError for an unknown code or a drawing that does not parse,
+    ValueError for a value that the sign cannot carry.
     """
-    return _svg(*_shown(code, value, None))
+    return _svg(*artwork.drawing(code, value))
 
 
-def plate_rgba(code: str, value: float | None, size_px: int, country: Country | None = None) -> npt.NDArray[np.uint8]:
+def plate_rgba(artwork: Artwork, code: str, value: float | None, size_px: int) -> npt.NDArray[np.uint8]:
     """The plate as a read-only (size_px, size_px, 4) array of RGB with straight alpha, 0 around the plate.
 
-    country: whose plate it is; None: as `plate_svg` has it.
     Raises as `plate_svg` does, and ValueError for a size below 1 px.
     """
     if size_px < 1:
         raise ValueError(f"a picture of {size_px} px")
-    return _rgba(*_shown(code, value, country), size_px)
-
-
-def _shown(code: str, value: float | None, country: Country | None) -> tuple[Path, float | None]:
-    """Of a plate: the file with its drawing, and the number that is printed on it."""
-    catalog = load_catalog(mirrored=mirrored_in_use())
-    sign, plates = catalog.sign(code), catalog.root / "plates"
-    number = sign.effective_value(value)
-    whose = country or country_in_use()
-    if whose is None:
-        return plates / sign.drawing, number
-    return plates / whose.drawing(sign, plates), None if number is None else whose.posted(number)
+    return _rgba(*artwork.drawing(code, value), size_px)
 
 
 def _svg(path: Path, number: float | None) -> str:

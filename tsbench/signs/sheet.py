@@ -7,7 +7,7 @@ from PIL import Image, ImageDraw, ImageFont
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, replacing
 from tsbench.signs.catalog import Catalog
-from tsbench.signs.countries import Country, shown_code
+from tsbench.signs.countries import Artwork
 from tsbench.signs.model import GROUPS, Sign
 from tsbench.signs.plates import plate_rgba
 
@@ -19,11 +19,9 @@ _TITLE_H = 44
 _INK, _DIM, _PAPER, _RULE = "#1a1a1a", "#5f6368", "#f4f5f2", "#c9ccc6"
 
 
-def draw_sheet(catalog: Catalog, country: Country | None = None) -> Image.Image:
-    """The contact sheet: a band per group, in it the signs by scenario type with plate, code and name.
-
-    country: whose plates and codes they are.
-    """
+def draw_sheet(artwork: Artwork) -> Image.Image:
+    """The contact sheet: a band per group, in it the signs by scenario type with plate, code and name."""
+    catalog = artwork.catalog
     bands = [(group, _signs_of(catalog, group)) for group in GROUPS]
     heights = [_TITLE_H + _CELL_H * -(-len(signs) // _COLUMNS) for _, signs in bands]
     size = (2 * _MARGIN + _COLUMNS * _CELL_W, 2 * _MARGIN + sum(heights))
@@ -34,17 +32,17 @@ def draw_sheet(catalog: Catalog, country: Country | None = None) -> Image.Image:
         _title(sheet, top, f"{group.capitalize()} · {types} scenario types")
         for place, sign in enumerate(signs):
             row, column = divmod(place, _COLUMNS)
-            _cell(sheet, _MARGIN + column * _CELL_W, top + _TITLE_H + row * _CELL_H, sign, country)
+            _cell(sheet, _MARGIN + column * _CELL_W, top + _TITLE_H + row * _CELL_H, sign, artwork)
         top += height
     return sheet.convert("RGB")
 
 
-def save_sheet(catalog: Catalog, path: Path, country: Country | None = None) -> None:
+def save_sheet(artwork: Artwork, path: Path) -> None:
     """Draw the contact sheet into a PNG file. Raises InputError for another suffix and where it cannot be written."""
     if path.suffix.lower() != ".png":
         raise InputError(f"{path}: the sheet is a PNG, name it so")
     with io_errors_as_input_errors(path), replacing(path) as part:
-        draw_sheet(catalog, country).save(part, format="PNG")
+        draw_sheet(artwork).save(part, format="PNG")
 
 
 def _signs_of(catalog: Catalog, group: str) -> list[Sign]:
@@ -59,15 +57,15 @@ def _title(sheet: Image.Image, top: int, text: str) -> None:
     draw.line((_MARGIN, top + 36, sheet.width - _MARGIN, top + 36), fill=_RULE, width=2)
 
 
-def _cell(sheet: Image.Image, left: int, top: int, sign: Sign, country: Country | None) -> None:
+def _cell(sheet: Image.Image, left: int, top: int, sign: Sign, artwork: Artwork) -> None:
     value = None
     if sign.value is not None and sign.value.printed:
         value = sign.value.allowed[len(sign.value.allowed) // 2]
-    plate = Image.fromarray(plate_rgba(sign.code, value, _PLATE_PX, country))
+    plate = Image.fromarray(plate_rgba(artwork, sign.code, value, _PLATE_PX))
     sheet.alpha_composite(plate, (left + (_CELL_W - _PLATE_PX) // 2, top + 8))
     draw = ImageDraw.Draw(sheet)
     middle = left + _CELL_W // 2
-    code = shown_code(sign.code, country)
+    code = artwork.code(sign.code)
     draw.text((middle, top + _PLATE_PX + 14), code, fill=_INK, font=_fitting(code, _CELL_W - 8), anchor="ma")
     font = ImageFont.load_default(14)
     for number, text in enumerate(_wrap(sign.name_en, font, _CELL_W - 12)):

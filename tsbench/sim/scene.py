@@ -7,11 +7,13 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 
 from tsbench.core.errors import InputError
+from tsbench.core.paths import OWN_CITY
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog, RuleSpec
 from tsbench.signs.contrast import ContrastClause, PassageParams
+from tsbench.signs.countries import Artwork, Country
 from tsbench.signs.plate_params import NAMES, GiveWayParams, JunctionParams, PlateParams, ZoneParams
 
 
@@ -125,7 +127,7 @@ class SceneLayout:
 
 @dataclass(frozen=True, kw_only=True)
 class Scene(SceneLayout):
-    """A layout on its network. horizon: steps. catalog: what its plates ask.
+    """A layout on its network. horizon: steps. catalog: what its plates ask. city: whose data set has it.
 
     Raises InputError where the layout or a plate's params name what is not there, or what does not fit its place.
     """
@@ -136,6 +138,7 @@ class Scene(SceneLayout):
     horizon: int
     seed: int
     catalog: Catalog = field(compare=False, repr=False)
+    city: str = OWN_CITY
 
     def __post_init__(self) -> None:
         self._check_places()
@@ -145,6 +148,10 @@ class Scene(SceneLayout):
             problem = None if params is None else self._problem(params) or self._misfit(params, edge)
             if problem is not None:
                 raise InputError(f"{self.additional}: {what}: {problem}")
+
+    def artwork(self, country: Country | None = None) -> Artwork:
+        """How its plates look: as in its city, or in the country that a user asks for."""
+        return Artwork.of(self.catalog, self.city, country)
 
     def _check_places(self) -> None:
         plans = {"convoy": self.convoy, "walkers": self.walkers}

@@ -108,9 +108,9 @@ def test_the_true_world_arrives_as_it_was_told() -> None:
 
 
 def test_contexts_arrive_as_they_were_told() -> None:
-    rows = {row.scenario_type: row for row in DataSet.in_use().table("dev")}.values()
+    rows = {row.scenario_type: row for row in DataSet().table("dev")}.values()
     assert len(rows) > 10
-    encoder, decoder, loader = Encoder(), Decoder(), SceneLoader(DataSet.in_use())
+    encoder, decoder, loader = Encoder(), Decoder(), SceneLoader(DataSet())
     for row in rows:
         scene, roads = loader.load(row)
         view, sign = roads.view, scene.target_sign

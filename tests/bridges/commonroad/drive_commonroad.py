@@ -49,7 +49,7 @@ class Watched(Reactive):
 
 
 def row(kind: str, contrast: bool) -> ScenarioSpec:
-    rows = DataSet.in_use().table("dev")
+    rows = DataSet().table("dev")
     return next(r for r in rows if r.scenario_type == kind and (r.half == CONTRAST) == contrast)
 
 

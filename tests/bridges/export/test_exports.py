@@ -42,8 +42,8 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run with the traces of four episodes."""
     records = [episode(planner, 0, 0, 0, scenario_id=kind, scenario_type=kind) for kind, planner in DRIVEN]
     folder = make_run(tmp_path_factory.mktemp("made") / "run", records, asked=3)
-    rows = DataSet.in_use().table("test")
-    tempting = {c.scenario_id for c in certificates_of(DataSet.in_use()) if c.tempting}
+    rows = DataSet().table("test")
+    tempting = {c.scenario_id for c in certificates_of(DataSet()) if c.tempting}
     sim = None
     for kind, planner in DRIVEN:
         spec = next(
@@ -60,7 +60,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def traces(run: Path) -> list[tuple[Trace, Scene]]:
     found = [read_trace(trace_path(run, planner, kind)) for kind, planner in DRIVEN]
-    return [(trace, load_scene(DataSet.in_use(), trace.spec)) for trace in found]
+    return [(trace, load_scene(DataSet(), trace.spec)) for trace in found]
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,6 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 
 from tsbench.core.errors import InputError
-from tsbench.core.paths import using_city
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.envs import DRIVE, DRIVE_V0, MAX_STEPS
 from tsbench.learn.envs.drive_env import Curriculum, DriveEnv
@@ -78,7 +77,7 @@ def test_the_checker_of_stable_baselines_passes() -> None:
 
 
 def test_it_drives_what_a_run_drives(env: DriveEnv) -> None:
-    row = next(r for r in DataSet.in_use().table("test") if r.scenario_type == "yield" and r.density > 0)
+    row = next(r for r in DataSet().table("test") if r.scenario_type == "yield" and r.density > 0)
     runner = EpisodeRunner(resolve(f"{__file__}:onward"))
     result = runner.run(row)
     _, told = env.reset(options={"scenario_id": row.scenario_id})
@@ -269,16 +268,14 @@ def test_a_copy_has_the_options_and_the_generator_but_no_episode(
 
 def test_another_city_is_driven_and_stays_the_environments_own() -> None:
     made = gymnasium.make(DRIVE, split="dev", city="north-bayreuth")
-    with using_city("north-bayreuth"):
-        there = {row.scenario_id for row in DataSet.in_use().table("dev")}
-    here = DataSet.in_use().name
+    town = DataSet.named("north-bayreuth")
+    there = {row.scenario_id for row in town.table("dev")}
     for seed in range(3):
         _, info = made.reset(seed=seed)
         assert info["scenario_id"] in there
         made.step(np.array([0.1, 0.0, 0.0], dtype=np.float32))
-        assert DataSet.in_use().name == here
     made.close()
-    assert not there & {row.scenario_id for row in DataSet.in_use().table("dev")}
+    assert not there & {row.scenario_id for row in DataSet().table("dev")}
 
 
 @pytest.mark.parametrize(("name", "costs"), [(DRIVE, -1.0), (DRIVE_V0, 0.0)])
@@ -295,7 +292,7 @@ def test_a_violation_costs_in_the_ids_that_show_plates(name: str, costs: float) 
 
 @pytest.mark.parametrize("name", [DRIVE, DRIVE_V0])
 def test_an_environment_is_made_again_from_its_json(name: str) -> None:
-    assert gymnasium.spec(name).max_episode_steps == MAX_STEPS > max(r.horizon for r in DataSet.in_use().table("dev"))
+    assert gymnasium.spec(name).max_episode_steps == MAX_STEPS > max(r.horizon for r in DataSet().table("dev"))
     made = gymnasium.make(name, split="dev")
     assert made.spec is not None
     again = gymnasium.make(EnvSpec.from_json(made.spec.to_json()))

@@ -39,7 +39,7 @@ def one_thread() -> None:
 
 @pytest.fixture(scope="module")
 def rows() -> list[ScenarioSpec]:
-    return DataSet.in_use().table("test")
+    return DataSet().table("test")
 
 
 @pytest.fixture(scope="module")

@@ -48,7 +48,7 @@ class Recording:
 
 @pytest.fixture(scope="module")
 def row() -> ScenarioSpec:
-    return next(r for r in DataSet.in_use().table("test") if r.scenario_type == "stop" and r.variant == 0)
+    return next(r for r in DataSet().table("test") if r.scenario_type == "stop" and r.variant == 0)
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +116,7 @@ def test_a_drive_that_disobeyed_teaches_nothing(row: ScenarioSpec, drivers: Driv
 
 def half(drivers: Drivers, kind: str, name: str, planner: str) -> DriveResult:
     """A planner's drive of one half of a pair of this type."""
-    rows = DataSet.in_use().table("test")
+    rows = DataSet().table("test")
     row = next(r for r in rows if r.pair_type == kind and r.half == name and r.variant == 0)
     return PlannerDrive(row, planner).run(drivers)
 

@@ -40,12 +40,12 @@ SOURCE = ImitationSource(Sampling())
 
 @pytest.fixture(scope="module")
 def row() -> ScenarioSpec:
-    return next(r for r in DataSet.in_use().table("test") if r.scenario_type == "yield" and r.variant == 3)
+    return next(r for r in DataSet().table("test") if r.scenario_type == "yield" and r.variant == 3)
 
 
 @pytest.fixture(scope="module")
 def drive(row: ScenarioSpec) -> tuple[EpisodeResult, Roads]:
-    loader, simulation = SceneLoader(DataSet.in_use()), Simulation()
+    loader, simulation = SceneLoader(DataSet()), Simulation()
     result = EpisodeRunner(resolve("idm"), simulation=simulation, loader=loader).run(row)
     simulation.close()
     return result, loader.load(row)[1]

@@ -40,7 +40,7 @@ SKILLS = [Skill(4, a, 0.0, 0.0, 1.0 - a, 0.0, 0.5) for a in (0.5, 0.9, 0.7)]
 
 @pytest.fixture(scope="module")
 def rows() -> list[ScenarioSpec]:
-    return DataSet.in_use().table("test")
+    return DataSet().table("test")
 
 
 def made_up(count: int, seed: int = 0) -> at.Records:

@@ -23,7 +23,7 @@ from tsbench.scenarios.spec import HALVES
 
 
 def driven(half: str) -> Recorded:
-    row = next(r for r in DataSet.in_use().table("dev") if r.pair_type == "speed_limit" and r.half == half)
+    row = next(r for r in DataSet().table("dev") if r.pair_type == "speed_limit" and r.half == half)
     planner = QuantisedPlanner(resolve("idm").factory)
     result = EpisodeRunner(LoadedPlanner("idm", lambda: planner)).run(row)
     ego, others = fingerprints(result.facts.snapshots)
@@ -35,7 +35,7 @@ def driven(half: str) -> Recorded:
 def test_both_halves_come_out_as_they_were_driven(tmp_path: Path) -> None:
     drives = [driven(half) for half in HALVES]
     write_trajectories(drives, tmp_path / "t.parquet")
-    ticks = export(tmp_path / "t.parquet", "dev", tmp_path / "out.parquet")
+    ticks = export(DataSet(), tmp_path / "t.parquet", "dev", tmp_path / "out.parquet")
     assert ticks == (2, sum(len(d.commands) for d in drives))
     file = pq.ParquetFile(tmp_path / "out.parquet")
     found = {}
@@ -60,7 +60,7 @@ def test_the_guides_data_set_gives_drives(tmp_path: Path) -> None:
     exec(lines, names)
     drives = [driven(half) for half in HALVES]
     write_trajectories(drives, tmp_path / "t.parquet")
-    export(tmp_path / "t.parquet", "dev", tmp_path / "ticks.parquet")
+    export(DataSet(), tmp_path / "t.parquet", "dev", tmp_path / "ticks.parquet")
     found = list(torch.utils.data.DataLoader(names["Ticks"](tmp_path / "ticks.parquet"), batch_size=None))
     expected = sorted(drives, key=lambda drive: drive.scenario_id)
     for (plates, action), drive in zip(found, expected, strict=True):
@@ -73,7 +73,7 @@ def test_a_data_card_stands_beside_the_drives(tmp_path: Path) -> None:
     drives = [driven(half) for half in HALVES]
     table = tmp_path / "t.parquet"
     write_trajectories(drives, table)
-    counts = export(table, "dev", tmp_path / "ticks.parquet", limit=5)
+    counts = export(DataSet(), table, "dev", tmp_path / "ticks.parquet", limit=5)
     card = (tmp_path / "ticks.README.md").read_text(encoding="utf-8")
     assert f"{counts[0]} drives up to rank 1 of the split `dev`: {counts[1]} ticks" in card
     assert "tsbench oracle export --split dev --rank 1 --limit 5" in card
@@ -93,12 +93,12 @@ def test_a_failed_export_leaves_the_file_before_it_and_no_other(tmp_path: Path) 
     out.parent.mkdir()
     out.write_bytes(b"before")
     with pytest.raises(SimulationError, match="the replay differs"):
-        export(tmp_path / "t.parquet", "dev", out)
+        export(DataSet(), tmp_path / "t.parquet", "dev", out)
     assert [(path.name, path.read_bytes()) for path in out.parent.iterdir()] == [("ticks.parquet", b"before")]
 
 
 def test_a_table_of_another_split_is_refused(tmp_path: Path) -> None:
     write_trajectories([], tmp_path / "t.parquet")
     with pytest.raises(InputError, match="no drive of split dev"):
-        export(tmp_path / "t.parquet", "dev", tmp_path / "out.parquet")
+        export(DataSet(), tmp_path / "t.parquet", "dev", tmp_path / "out.parquet")
     assert not list(tmp_path.glob("out*"))

@@ -66,7 +66,7 @@ class Never(Moody):
 
 @pytest.fixture(scope="module")
 def table() -> list[ScenarioSpec]:
-    return DataSet.in_use().table("train")
+    return DataSet().table("train")
 
 
 @pytest.fixture(scope="module")
@@ -89,11 +89,7 @@ def good(row: ScenarioSpec, attempt: int) -> bool:
 def runner(name: str, sumo: Simulation, rows: list[ScenarioSpec], most: int) -> OracleRunner:
     probe = next(row for row in rows if good(row, 0) != good(row, 1))
     return OracleRunner(
-        resolve(f"{__file__}:{name}"),
-        most=most,
-        probe=asdict(probe),
-        simulation=sumo,
-        loader=SceneLoader(DataSet.in_use()),
+        resolve(f"{__file__}:{name}"), most=most, probe=asdict(probe), simulation=sumo, loader=SceneLoader(DataSet())
     )
 
 
@@ -155,7 +151,9 @@ def collected(out: Path, workers: int) -> list[str]:
     said = io.StringIO()
     request = Request(("idm-e", "idm-s4-e"), "train", ("bus_lane_road",), limit=2)
     found = collect(
-        CollectOptions(request=request, out=out, workers=workers), ProgressWatcher(Console(file=said, width=200))
+        DataSet(),
+        CollectOptions(request=request, out=out, workers=workers),
+        ProgressWatcher(Console(file=said, width=200)),
     )
     assert found.complete
     assert [(t.asked, t.solved, t.drives, t.errors) for t in found.experts.values()] == [(2, 2, 2, 0)] * 2
@@ -175,8 +173,8 @@ def test_killed_and_continued_it_is_the_same(tmp_path: Path) -> None:
     assert "note: continuing: 1 of 4 episodes are already there" in told
     assert (broken / "tries.parquet").read_bytes() == (whole / "tries.parquet").read_bytes()
     for folder in (whole, broken):
-        found = select(folder, tmp_path / f"{folder.name}.parquet", allow_partial=False)
+        found = select(DataSet(), folder, tmp_path / f"{folder.name}.parquet", allow_partial=False)
         assert (found.scenarios, found.covered, found.drives) == (2, 2, 2)
     assert (tmp_path / "whole.parquet").read_bytes() == (tmp_path / "broken.parquet").read_bytes()
     assert {t["kind"] for t in read_tries(whole)} == {"rules"}
-    assert verify(tmp_path / "whole.parquet", "train", None) == 2
+    assert verify(DataSet(), tmp_path / "whole.parquet", "train", None) == 2

@@ -36,7 +36,7 @@ def collection(
     folder: Path, table: list[ScenarioSpec], planners: list[PlannerInfo] = PLANNERS, redrive: bool = False
 ) -> Collection:
     effective = {"collection": KIND, "split": "train", "tries": 4}
-    manifest = new_manifest(basis(DataSet.in_use()), {}, effective, planners)
+    manifest = new_manifest(basis(DataSet()), {}, effective, planners)
     return Collection(folder, manifest, table, planners, redrive)
 
 
@@ -133,7 +133,7 @@ def test_a_fifth_of_the_maps_is_for_validation(rows: list[ScenarioSpec]) -> None
 
 
 def test_select_writes_the_best_drives(full: Path, rows: list[ScenarioSpec]) -> None:
-    found = select(full / "c", full / "oracle.parquet", allow_partial=False)
+    found = select(DataSet(), full / "c", full / "oracle.parquet", allow_partial=False)
     assert (found.scenarios, found.covered, found.drives) == (3, 2, 3)
     assert found.uncovered == {rows[2].scenario_type: 1}
     first, second, third = stream_trajectories(full / "oracle.parquet")
@@ -153,12 +153,12 @@ def test_a_third_drive_is_kept_and_not_chosen(tmp_path: Path, rows: list[Scenari
         for name, steps in (("idm-e", 100), ("net-e", 110), ("other-e", 120)):
             made.keep(line(name, rows[0], steps))
         made.end(complete=True)
-    found = select(tmp_path / "c", tmp_path / "oracle.parquet", allow_partial=False)
+    found = select(DataSet(), tmp_path / "c", tmp_path / "oracle.parquet", allow_partial=False)
     assert (found.drives, found.others) == (2, 1)
     assert [(d.planner, d.rank) for d in stream_trajectories(tmp_path / "oracle.parquet")] == [
         ("other-e", 0), ("idm-e", 1), ("net-e", 2),
     ]  # fmt: skip
-    assert stats(tmp_path / "oracle.parquet", "train").table.rows[0].cells[2] == 2
+    assert stats(DataSet(), tmp_path / "oracle.parquet", "train").table.rows[0].cells[2] == 2
 
 
 def test_tries_are_one_row_each_in_order(full: Path) -> None:
@@ -205,7 +205,7 @@ def test_select_refuses_in_one_line(full: Path, rows: list[ScenarioSpec], what: 
         manifest.write_text(text.replace('"complete"', '"interrupted"'))
         told = "is not finished"
     elif what == "contract":
-        manifest.write_text(text.replace(basis(DataSet.in_use()), "0" * 64))
+        manifest.write_text(text.replace(basis(DataSet()), "0" * 64))
         told = "was collected with other rules or another SUMO"
     elif what == "rows":
         with closing(collection(folder, [replace(rows[0], seed=1)])) as made:
@@ -221,12 +221,12 @@ def test_select_refuses_in_one_line(full: Path, rows: list[ScenarioSpec], what: 
         manifest.write_text(text.replace('"collection"', '"other"'))
         told = "not the manifest of a tsbench run"
     with pytest.raises(InputError, match=told):
-        select(folder, full / "oracle.parquet", allow_partial=False)
+        select(DataSet(), folder, full / "oracle.parquet", allow_partial=False)
 
 
 def test_stats_of_the_chosen_drives(full: Path, rows: list[ScenarioSpec]) -> None:
-    select(full / "c", full / "oracle.parquet", allow_partial=False)
-    analysis = stats(full / "oracle.parquet", "train")
+    select(DataSet(), full / "c", full / "oracle.parquet", allow_partial=False)
+    analysis = stats(DataSet(), full / "oracle.parquet", "train")
     cells = {row.cells[:2]: row.cells[2:] for row in analysis.table.rows}
     drives, share, first, hours, scenarios, covered, coverage, per = cells["all types", "all experts"]
     assert (drives, share, first, scenarios, covered) == (3, 100.0, 2, len(rows), 2)
@@ -249,4 +249,4 @@ def test_a_drive_that_took_its_worker_along_is_a_try(tmp_path: Path, rows: list[
     assert one["error"] == "the worker process ended: SIGSEGV"
     (story,) = (tmp_path / "c" / "errors").rglob("*.txt")
     assert story.read_text() == "the whole story\n"
-    assert select(tmp_path / "c", tmp_path / "oracle.parquet", allow_partial=False).covered == 0
+    assert select(DataSet(), tmp_path / "c", tmp_path / "oracle.parquet", allow_partial=False).covered == 0

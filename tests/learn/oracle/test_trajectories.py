@@ -48,7 +48,7 @@ class DriveResult:
 @pytest.fixture(scope="module")
 def row() -> ScenarioSpec:
     """A lane for buses ahead: the expert changes lanes early and says so."""
-    return next(r for r in DataSet.in_use().table("train") if r.scenario_type == "bus_lane")
+    return next(r for r in DataSet().table("train") if r.scenario_type == "bus_lane")
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def sumo() -> Iterator[Simulation]:
 
 @pytest.fixture(scope="module")
 def drive(row: ScenarioSpec, sumo: Simulation) -> tuple[EpisodeResult, Recorded]:
-    runner = DriveResult(sumo, SceneLoader(DataSet.in_use()))
+    runner = DriveResult(sumo, SceneLoader(DataSet()))
     result = runner.run(row)
     ego, others = fingerprints(result.facts.snapshots)
     return result, Recorded(
@@ -76,7 +76,7 @@ def test_a_replay_is_the_drive_bit_for_bit(
     result, recorded = drive
     write_trajectories([recorded], tmp_path / "drives.parquet")
     (read,) = stream_trajectories(tmp_path / "drives.parquet")
-    facts = Replayer(sumo, SceneLoader(DataSet.in_use())).replay(read, row)
+    facts = Replayer(sumo, SceneLoader(DataSet())).replay(read, row)
     assert read.intents
     assert len(facts.snapshots) == len(result.facts.snapshots) > 100
     for now, before in zip(facts.snapshots, result.facts.snapshots, strict=True):
@@ -100,7 +100,7 @@ def test_another_drive_is_no_replay(
     """The error says which drive, and in what it differs."""
     other = replace(drive[1], **change)  # type: ignore[arg-type]
     with pytest.raises(SimulationError, match=rf"{other.scenario_id}: idm-s4-e, attempt 0: .*{told}"):
-        Replayer(sumo, SceneLoader(DataSet.in_use())).replay(other, row)
+        Replayer(sumo, SceneLoader(DataSet())).replay(other, row)
 
 
 def test_the_table_gives_back_what_was_written(drive: tuple[EpisodeResult, Recorded], tmp_path: Path) -> None:
@@ -123,7 +123,7 @@ def test_a_table_without_drives(tmp_path: Path) -> None:
     write_trajectories([], tmp_path / "none.parquet")
     assert list(stream_trajectories(tmp_path / "none.parquet")) == []
     with pytest.raises(InputError, match=r"is missing|schema version"):
-        list(stream_trajectories(DataSet.in_use().table_path("train")))
+        list(stream_trajectories(DataSet().table_path("train")))
 
 
 @given(st.floats(-1e6, 1e6), st.floats(-1e3, 1e3))
@@ -149,7 +149,7 @@ DRIVES = list(stream_trajectories(TABLE))
 @pytest.fixture(scope="module")
 def replayer() -> Iterator[Replayer]:
     simulation = Simulation()
-    yield Replayer(simulation, SceneLoader(DataSet.in_use()))
+    yield Replayer(simulation, SceneLoader(DataSet()))
     simulation.close()
 
 

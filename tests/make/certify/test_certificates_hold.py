@@ -19,43 +19,41 @@ from tsbench.signs.catalog import load_catalog
 
 @pytest.fixture(scope="module")
 def rows() -> list[ScenarioSpec]:
-    return [row for split in DataSet.in_use().splits for row in DataSet.in_use().table(split)]
+    return [row for split in DataSet().splits for row in DataSet().table(split)]
 
 
 @pytest.fixture(scope="module")
 def today(rows: list[ScenarioSpec]) -> list[ScenarioSpec]:
     """Those of the last edition: the rules that proved the others are no longer here."""
-    found = [row for row in rows if row.split not in earlier_splits(DataSet.in_use())]
+    found = [row for row in rows if row.split not in earlier_splits(DataSet())]
     assert found
     return found
 
 
 @pytest.fixture(scope="module")
 def proofs() -> dict[str, Certificate]:
-    return {c.scenario_id: c for c in certificates_of(DataSet.in_use())}
+    return {c.scenario_id: c for c in certificates_of(DataSet())}
 
 
 @pytest.fixture(scope="module")
 def prover() -> Certifier:
-    return Certifier(simulation(), SceneLoader(DataSet.in_use()))
+    return Certifier(simulation(), SceneLoader(DataSet()))
 
 
 def test_every_certificate_is_of_its_row(rows: list[ScenarioSpec]) -> None:
-    assert verify_certificates(rows, certificates_of(DataSet.in_use()), earlier_splits(DataSet.in_use())) == []
+    assert verify_certificates(rows, certificates_of(DataSet()), earlier_splits(DataSet())) == []
 
 
 @pytest.mark.slow
 def test_a_changed_row_has_no_certificate_any_more(today: list[ScenarioSpec]) -> None:
     first = today[0]
     ((name, problem),) = verify_certificates(
-        [replace(first, additional_sha256="0" * 64)],
-        certificates_of(DataSet.in_use()),
-        earlier_splits(DataSet.in_use()),
+        [replace(first, additional_sha256="0" * 64)], certificates_of(DataSet()), earlier_splits(DataSet())
     )
     assert name == first.scenario_id
     assert "its certificate is of another row or SUMO" in problem
     ((_, problem),) = verify_certificates(
-        [replace(first, scenario_id="new")], certificates_of(DataSet.in_use()), earlier_splits(DataSet.in_use())
+        [replace(first, scenario_id="new")], certificates_of(DataSet()), earlier_splits(DataSet())
     )
     assert "has no certificate" in problem
 

@@ -41,7 +41,7 @@ def scene(maker: SceneMaker, name: str, limit: float = 30.0, horizon: int = 600)
 
 
 def prover(maker: SceneMaker) -> Certifier:
-    return Certifier(simulation(), SceneLoader(DataSet.in_use(), SceneFolder(maker.root)))
+    return Certifier(simulation(), SceneLoader(DataSet(), SceneFolder(maker.root)))
 
 
 def prove(maker: SceneMaker, spec: ScenarioSpec, asked: float = 0.0, realised: float = 0.0) -> Certificate:
@@ -57,7 +57,7 @@ def test_a_scene_that_tempts_and_can_be_solved(maker: SceneMaker) -> None:
 
 
 def test_who_breaks_the_rule_of_a_scene(maker: SceneMaker) -> None:
-    screener = Certifier(simulation(), SceneLoader(DataSet.in_use(), SceneFolder(maker.root)))
+    screener = Certifier(simulation(), SceneLoader(DataSet(), SceneFolder(maker.root)))
     assert [screener.breaks(name, scene(maker, "tempts")) for name in ("idm", "idm-e")] == [True, False]
     # Not enough time to reach the plate, and no episode at all: nobody was seen breaking anything.
     assert not screener.breaks("idm", scene(maker, "short", horizon=5))

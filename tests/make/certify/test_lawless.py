@@ -30,7 +30,7 @@ def parked(observation: Observation) -> Control:
 def rows_of_each_type() -> dict[str, list[ScenarioSpec]]:
     """One variant, another one each time, of some maps of every type in the test table; the halves that tempt."""
     found: dict[str, dict[str, ScenarioSpec]] = {}
-    for row in (row for row in DataSet.in_use().table("test") if row.half == SIGNED):
+    for row in (row for row in DataSet().table("test") if row.half == SIGNED):
         maps = found.setdefault(row.scenario_type, {})
         if row.map_id not in maps and len(maps) < MAPS_EACH and row.variant == len(maps) % 10:
             maps[row.map_id] = row

@@ -57,7 +57,7 @@ def pair(
 
 
 def certifier(root: Path) -> Certifier:
-    return Certifier(simulation(), SceneLoader(DataSet.in_use(), SceneFolder(root)))
+    return Certifier(simulation(), SceneLoader(DataSet(), SceneFolder(root)))
 
 
 def prove(maker: SceneMaker, halves: Pair) -> list[Certificate]:

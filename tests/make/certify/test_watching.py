@@ -29,7 +29,7 @@ PRIORITY = ("yield", "stop", "secondary_road", "main_road", "crosswalk")
 def pairs() -> list[Pair]:
     """The pairs of the dev split, in the order of their names."""
     halves: dict[str, dict[str, ScenarioSpec]] = {}
-    for row in DataSet.in_use().table("dev"):
+    for row in DataSet().table("dev"):
         if row.pair_id:
             halves.setdefault(row.pair_id, {})[row.half] = row
     return [(pair[SIGNED], pair[CONTRAST]) for _, pair in sorted(halves.items()) if len(pair) == 2]
@@ -41,7 +41,7 @@ def of_type(name: str) -> list[Pair]:
 
 def told_too_soon(pair: Pair, habit: Habit) -> bool:
     """Could the watcher still stop at its line, with what a certificate allows, when others first differ?"""
-    return Certifier(simulation(), SceneLoader(DataSet.in_use())).shown_to(habit, *pair) is not None
+    return Certifier(simulation(), SceneLoader(DataSet())).shown_to(habit, *pair) is not None
 
 
 @pytest.mark.parametrize("habit", HABITS, ids=lambda habit: habit.name)
@@ -87,7 +87,7 @@ def test_a_certificate_tries_some_habits_of_all_by_the_name_of_the_pair() -> Non
 
 
 def alike(pair: Pair) -> bool:
-    loader = SceneLoader(DataSet.in_use())
+    loader = SceneLoader(DataSet())
     one, other = (loader.load(half)[0] for half in pair)
     return alike_to_others(one, other)
 

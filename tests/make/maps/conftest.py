@@ -11,6 +11,7 @@ from town import make_town
 
 from tsbench.core import paths as repository_paths
 from tsbench.make.maps.source import SourceNetwork, load_source
+from tsbench.scenarios.data_set import DataSet
 
 REPOSITORY = Path(__file__).resolve().parents[3]
 
@@ -45,4 +46,4 @@ def osm_dir(workplace: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def tiny(osm_dir: Path) -> SourceNetwork:
-    return load_source("tiny", osm_dir)
+    return load_source(DataSet(), "tiny", osm_dir)

@@ -17,6 +17,7 @@ from tsbench.make.maps.crop import REGISTRY
 from tsbench.make.maps.harvest import Coverage, harvest
 from tsbench.make.maps.map_sheet import map_sheet
 from tsbench.make.maps.source import SourceNetwork, load_source
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import POOL_SCHEMA, map_id, read_pool, write_pool
 
 
@@ -41,7 +42,7 @@ def test_harvest_is_deterministic_resumable_and_finds_no_place_twice(workplace: 
     folder.mkdir()
     (folder / "tiny.osm").write_text(make_town().xml(), encoding="utf-8")
     (folder / "moscow-city-generalised.osm").write_text(shifted(15.0).xml(), encoding="utf-8")
-    first = harvest(folder, tmp_path / "pool.parquet", tmp_path / "harvest.json", 2, silent)
+    first = harvest(DataSet(), folder, tmp_path / "pool.parquet", tmp_path / "harvest.json", 2, silent)
     data = (tmp_path / "pool.parquet").read_bytes()
     assert {row.source for row in first.rows} == {"tiny"}
     assert {row.family for row in first.rows} == set(REGISTRY)
@@ -51,7 +52,7 @@ def test_harvest_is_deterministic_resumable_and_finds_no_place_twice(workplace: 
     steps = sorted((build_dir() / "harvest").rglob("lint-*.json"))
     assert steps
     steps[0].unlink()  # as if killed before the last step
-    again = harvest(folder, tmp_path / "pool.parquet", tmp_path / "harvest.json", 1, silent)
+    again = harvest(DataSet(), folder, tmp_path / "pool.parquet", tmp_path / "harvest.json", 1, silent)
     assert again.rows == first.rows
     assert (tmp_path / "pool.parquet").read_bytes() == data
     report = json.loads((tmp_path / "harvest.json").read_text())
@@ -106,7 +107,7 @@ def test_an_extract_without_maps_is_said(workplace: Path, tmp_path: Path) -> Non
     town.road([(0, 0), (60, 0)], "residential")
     (tmp_path / "lane.osm").write_text(town.xml(), encoding="utf-8")
     with pytest.raises(InputError, match="no map found"):
-        harvest(tmp_path, tmp_path / "pool.parquet", tmp_path / "harvest.json", 1, silent)
+        harvest(DataSet(), tmp_path, tmp_path / "pool.parquet", tmp_path / "harvest.json", 1, silent)
     assert not (tmp_path / "pool.parquet").exists()
 
 
@@ -114,12 +115,12 @@ def test_an_extract_with_dots_in_its_name_is_harvested_under_it(workplace: Path,
     file, town = tmp_path / "st.gallen.osm", Town()
     town.road([(0, 0), (800, 0)], "secondary", maxspeed="60")
     file.write_text(town.xml(), encoding="utf-8")
-    result = harvest(tmp_path, tmp_path / "pool.parquet", tmp_path / "harvest.json", 1, silent)
+    result = harvest(DataSet(), tmp_path, tmp_path / "pool.parquet", tmp_path / "harvest.json", 1, silent)
     assert {row.source for row in result.rows} == {"st.gallen"}
     assert json.loads((tmp_path / "harvest.json").read_text())["extracts_sha256"] == {"st.gallen": sha256_of(file)}
-    assert map_sheet([(result.rows[0], load_source("st.gallen", tmp_path))]).size
+    assert map_sheet([(result.rows[0], load_source(DataSet(), "st.gallen", tmp_path))]).size
     assert result.notes == ()
 
 
 def test_networks_are_read_back_by_name(workplace: Path, osm_dir: Path) -> None:
-    assert load_source("tiny", osm_dir).name == "tiny"
+    assert load_source(DataSet(), "tiny", osm_dir).name == "tiny"

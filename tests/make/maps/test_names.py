@@ -14,6 +14,7 @@ from tsbench.make.city import find_extract, list_extracts
 from tsbench.make.maps.extracts import SUFFIXES, check_file, extract_name, extracts_in, file_at
 from tsbench.make.maps.netconvert import convert_extract
 from tsbench.make.maps.source import SourceNetwork, load_source
+from tsbench.scenarios.data_set import DataSet
 
 TOWN = make_town().xml().encode()
 
@@ -42,8 +43,8 @@ def test_every_file_that_is_listed_is_found_by_its_name(ending: str, tmp_path: P
     packed = bz2.compress(TOWN) if ending.endswith(".bz2") else packed
     file = tmp_path / f"st.gallen{ending}"
     file.write_bytes(packed)
-    assert list_extracts(tmp_path) == [file]
-    assert find_extract("st.gallen", tmp_path) == file
+    assert list_extracts(DataSet(), tmp_path) == [file]
+    assert find_extract(DataSet(), "st.gallen", tmp_path) == file
 
 
 @pytest.mark.parametrize("file", ["st.gallen.osm", "TOWN.OSM", "x.osm.xml.gz", "Y.XML.BZ2"])
@@ -51,10 +52,10 @@ def test_it_is_read_under_that_name(file: str, tiny: SourceNetwork, tmp_path: Pa
     packed = {".gz": gzip.compress, ".bz2": bz2.compress}.get(Path(file.lower()).suffix, bytes)
     (tmp_path / file).write_bytes(packed(TOWN))
     name = extract_name(Path(file))
-    source = load_source(name, tmp_path)
+    source = load_source(DataSet(), name, tmp_path)
     assert source.name == name
     assert source.edge_ids == tiny.edge_ids
-    assert convert_extract(tmp_path / file, tmp_path / "town.net.xml").roads == len(make_town().ways)
+    assert convert_extract(DataSet(), tmp_path / file, tmp_path / "town.net.xml").roads == len(make_town().ways)
 
 
 def test_other_files_do_not_matter(tmp_path: Path) -> None:
@@ -72,8 +73,8 @@ def test_other_files_do_not_matter(tmp_path: Path) -> None:
         "README.txt": b"",
     }.items():
         (tmp_path / file).write_bytes(content)
-    assert list_extracts(tmp_path) == [tmp_path / "town.osm"]
-    assert find_extract("town", tmp_path) == tmp_path / "town.osm"
+    assert list_extracts(DataSet(), tmp_path) == [tmp_path / "town.osm"]
+    assert find_extract(DataSet(), "town", tmp_path) == tmp_path / "town.osm"
 
 
 @pytest.mark.parametrize("files", [("town.osm", "town.xml"), ("town.osm", "town.osm.gz"), ("TOWN.osm", "town.osm")])
@@ -81,19 +82,19 @@ def test_a_name_of_two_files_is_refused_in_one_line(files: tuple[str, str], tmp_
     for file in files:
         (tmp_path / file).write_bytes(gzip.compress(TOWN) if file.endswith(".gz") else TOWN)
     told = f"{tmp_path}: {files[0]} and {files[1]} are one extract by their names: rename or remove all but one"
-    for call in (lambda: list_extracts(tmp_path), lambda: find_extract("town", tmp_path)):
+    for call in (lambda: list_extracts(DataSet(), tmp_path), lambda: find_extract(DataSet(), "town", tmp_path)):
         with pytest.raises(InputError) as caught:
             call()
         assert str(caught.value) == told
     # To who asks for another one these are strangers.
     (tmp_path / "other.osm").write_bytes(TOWN)
-    assert find_extract("other", tmp_path) == tmp_path / "other.osm"
+    assert find_extract(DataSet(), "other", tmp_path) == tmp_path / "other.osm"
 
 
 def test_a_name_in_other_letters_is_said(tmp_path: Path) -> None:
     (tmp_path / "TOWN.OSM").write_bytes(TOWN)
     with pytest.raises(InputError, match=r"no extract 'town' here .*\(TOWN\.OSM is not called so: rename it\)"):
-        find_extract("town", tmp_path)
+        find_extract(DataSet(), "town", tmp_path)
     assert extracts_in(tmp_path / "nowhere") == {}
 
 

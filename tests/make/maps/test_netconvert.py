@@ -10,6 +10,7 @@ from town import Town
 from tsbench.make.maps.harvest import harvest
 from tsbench.make.maps.netconvert import convert_extract
 from tsbench.make.maps.source import load_source
+from tsbench.scenarios.data_set import DataSet
 
 
 @pytest.fixture
@@ -33,7 +34,7 @@ SAID = (
 
 @pytest.mark.parametrize("out", ["town.net.xml", "town.net.xml.gz"])
 def test_roads_that_are_lost_are_counted_and_named(out: str, town: Path) -> None:
-    facts = convert_extract(town, town.with_name(out))
+    facts = convert_extract(DataSet(), town, town.with_name(out))
     assert facts.roads == 4
     assert facts.notes == SAID
     # That coordinates are large is what we asked for.
@@ -41,9 +42,11 @@ def test_roads_that_are_lost_are_counted_and_named(out: str, town: Path) -> None
 
 
 def test_a_source_keeps_the_lines_and_a_harvest_tells_them(town: Path) -> None:
-    assert load_source("town", town.parent).notes == list(SAID)
-    assert load_source("town", town.parent).notes == list(SAID)
-    result = harvest(town.parent, town.with_name("pool.parquet"), town.with_name("harvest.json"), 1, lambda *_: None)
+    assert load_source(DataSet(), "town", town.parent).notes == list(SAID)
+    assert load_source(DataSet(), "town", town.parent).notes == list(SAID)
+    result = harvest(
+        DataSet(), town.parent, town.with_name("pool.parquet"), town.with_name("harvest.json"), 1, lambda *_: None
+    )
     assert result.notes == tuple(f"{town}: {line}" for line in SAID)
 
 
@@ -55,6 +58,6 @@ def test_a_road_within_one_junction_is_not_lost(workplace: Path, tmp_path: Path)
     made.road([(-200, 0), (0, 0)], "residential")
     made.road([(12, 0), (200, 0)], "residential")
     (tmp_path / "town.osm").write_text(made.xml(), encoding="utf-8")
-    source = load_source("town", tmp_path)
+    source = load_source(DataSet(), "town", tmp_path)
     assert 503 not in {way for ids in source.osm_ids for way in ids}
     assert source.notes == []

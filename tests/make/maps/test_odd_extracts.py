@@ -14,11 +14,12 @@ from tsbench.core.errors import InputError
 from tsbench.make.city import types_file
 from tsbench.make.maps.plain import class_speeds
 from tsbench.make.maps.source import SourceNetwork, load_source
+from tsbench.scenarios.data_set import DataSet
 
 
 def source_of(folder: Path, file: str, content: bytes) -> SourceNetwork:
     (folder / file).write_bytes(content)
-    return load_source(file.split(".", 1)[0], folder)
+    return load_source(DataSet(), file.split(".", 1)[0], folder)
 
 
 @pytest.mark.parametrize("file", sorted(set(REFUSED) - {"motorway.osm"}))
@@ -58,7 +59,7 @@ def test_tags_that_mean_nothing_are_not_believed(tmp_path: Path) -> None:
     assert source.width.min() >= 2.75
     wrong = source.speed[[511 - 6 in ids for ids in source.osm_ids]]
     assert len(wrong)
-    assert wrong == pytest.approx(class_speeds(types_file())["highway.tertiary"])  # tagged 999999
+    assert wrong == pytest.approx(class_speeds(types_file(DataSet()))["highway.tertiary"])  # tagged 999999
 
 
 @pytest.mark.usefixtures("workplace")

@@ -19,6 +19,7 @@ from tsbench.make.maps.crop import loads_in_sumo
 from tsbench.make.maps.netconvert import build_net, convert_extract
 from tsbench.make.maps.osm import read_extract
 from tsbench.roads.network import read_network
+from tsbench.scenarios.data_set import DataSet
 
 XML = make_town().xml()
 NO_ROADS = '<?xml version="1.0"?><osm version="0.6"><node id="1" version="1" lat="55.8" lon="37.4"/></osm>'
@@ -81,7 +82,7 @@ def test_all_kinds_of_extract_give_the_same_network(workplace: Path, tmp_path: P
     lanes = []
     for name in ("town.osm", "town.osm.gz", "town.osm.bz2", "town.osm.pbf"):
         out = tmp_path / f"{name}.net.xml"
-        facts = convert_extract(tmp_path / name, out)
+        facts = convert_extract(DataSet(), tmp_path / name, out)
         assert facts.roads == len(make_town().ways)
         assert len(facts.signals) == 1
         lanes.append([(lane.edge, lane.length, lane.width) for lane in read_network(out).lanes if not lane.internal])
@@ -91,7 +92,7 @@ def test_all_kinds_of_extract_give_the_same_network(workplace: Path, tmp_path: P
 
 def test_the_network_must_be_called_a_network(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"\.net\.xml"):
-        convert_extract(spoil(tmp_path, "no roads"), tmp_path / "out.xml")
+        convert_extract(DataSet(), spoil(tmp_path, "no roads"), tmp_path / "out.xml")
 
 
 @pytest.mark.parametrize("odd", ["a, b", "a b", "a,b", "ä;b"])
@@ -107,7 +108,7 @@ def test_paths_that_netconvert_would_split(
     paths.data_root.cache_clear()
     (folder / f"{odd}.osm").write_text(XML, encoding="utf-8")
     out = folder / "made" / f"{odd}.net.xml.gz"
-    convert_extract(folder / f"{odd}.osm", out)
+    convert_extract(DataSet(), folder / f"{odd}.osm", out)
     assert len(read_network(out).lanes) > 60
     assert sorted(path.name for path in folder.iterdir()) == sorted(["data", "made", f"{odd}.osm"])
     crop = folder / "crop.net.xml.gz"

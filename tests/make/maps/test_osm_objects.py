@@ -22,6 +22,7 @@ from tsbench.make.maps.own_extract import facts_of
 from tsbench.make.maps.plain import origins_and_junctions
 from tsbench.make.maps.source import load_source
 from tsbench.roads.network import read_network
+from tsbench.scenarios.data_set import DataSet
 
 LINES = make_town().xml().splitlines()
 NODES = [line for line in LINES if line.startswith("<node")]
@@ -79,7 +80,7 @@ def test_in_every_kind_of_file(packed: str, tmp_path: Path) -> None:
 def test_no_road_is_lost_for_the_order(workplace: Path, tmp_path: Path) -> None:
     (tmp_path / "right.osm").write_text(extract(*NODES, *WAYS), encoding="utf-8")
     (tmp_path / "wrong.osm").write_text(extract(*WAYS[:6], *NODES, *WAYS[6:]), encoding="utf-8")
-    right, wrong = load_source("right", tmp_path), load_source("wrong", tmp_path)
+    right, wrong = load_source(DataSet(), "right", tmp_path), load_source(DataSet(), "wrong", tmp_path)
     assert wrong.edge_ids == right.edge_ids
     assert {way for ids in wrong.osm_ids for way in ids} == set(range(501, 501 + len(WAYS)))
     assert wrong.notes == []
@@ -161,7 +162,7 @@ def test_a_node_that_is_no_more_is_left_out_of_its_road(workplace: Path, tmp_pat
     town.road([(0, 0), (100, 50), (300, 0)], "residential")
     text = town.xml().replace('<node id="1002" version="1"', '<node id="1002" version="1" action="delete"')
     (tmp_path / "town.osm").write_text(text, encoding="utf-8")
-    facts = convert_extract(tmp_path / "town.osm", tmp_path / "town.net.xml")
+    facts = convert_extract(DataSet(), tmp_path / "town.osm", tmp_path / "town.net.xml")
     assert facts.notes[0] == "left out what is deleted: node 1002"
     lengths = [lane.length for lane in read_network(tmp_path / "town.net.xml").lanes if not lane.internal]
     assert lengths == pytest.approx([300.0, 300.0], abs=0.5)
@@ -188,7 +189,7 @@ def test_a_file_of_changes_is_refused_in_one_line(file: str, tmp_path: Path) -> 
 def test_origins_are_those_of_the_network(workplace: Path, tmp_path: Path) -> None:
     (tmp_path / "town.osm").write_text(extract(*NODES, *WAYS), encoding="utf-8")
     for out in ("town.net.xml", "town.net.xml.gz"):
-        convert_extract(tmp_path / "town.osm", tmp_path / out)
+        convert_extract(DataSet(), tmp_path / "town.osm", tmp_path / out)
         ways, junctions = origins_and_junctions([tmp_path / out])
         assert ways == set(range(501, 501 + len(WAYS)))
         assert junctions[1001] == "1001"
@@ -256,7 +257,7 @@ def length_of(path: Path) -> float:
 
 def test_a_node_at_null_is_left_out_of_its_road(workplace: Path, tmp_path: Path) -> None:
     (tmp_path / "town.osm").write_text(xml("0", "0.0"), encoding="utf-8")
-    facts = convert_extract(tmp_path / "town.osm", tmp_path / "town.net.xml")
+    facts = convert_extract(DataSet(), tmp_path / "town.osm", tmp_path / "town.net.xml")
     assert facts.notes[0] == "left out what lies at 0, 0 degrees, where no road is: node 1"
     assert length_of(tmp_path / "town.net.xml") == pytest.approx(111.3, abs=1.0)
 
@@ -265,7 +266,7 @@ def test_a_node_at_null_is_left_out_of_its_road(workplace: Path, tmp_path: Path)
 def test_a_road_that_leaps_is_left_out(lat: str, lon: str, workplace: Path, tmp_path: Path) -> None:
     way = '<way id="10" version="1"><nd ref="2"/><nd ref="3"/><tag k="highway" v="tertiary"/></way></osm>'
     (tmp_path / "town.osm").write_text(xml(lat, lon).replace("</osm>", way), encoding="utf-8")
-    facts = convert_extract(tmp_path / "town.osm", tmp_path / "town.net.xml")
+    facts = convert_extract(DataSet(), tmp_path / "town.osm", tmp_path / "town.net.xml")
     assert facts.notes == ("ways left out, two neighbouring nodes more than 50 km apart: way 9",)
     assert length_of(tmp_path / "town.net.xml") == pytest.approx(111.3, abs=1.0)
     (tmp_path / "town.osm").write_text(xml(lat, lon), encoding="utf-8")

@@ -15,12 +15,12 @@ from serving import answer, serving
 from tsbench.cli.city import city
 from tsbench.cli.maps import maps
 from tsbench.core.errors import InputError
-from tsbench.core.paths import using_city
 from tsbench.make import city as cities
 from tsbench.make.city import load_city
 from tsbench.make.maps.extracts import address, fetch_extract, is_address, parse_box
 from tsbench.make.maps.osm import read_extract
 from tsbench.make.maps.source import load_source
+from tsbench.scenarios.data_set import DataSet
 
 BOX = (11.5, 49.9, 11.6, 50.0)
 ROADS = """<node id="1" lat="49.95" lon="11.55"><tag k="highway" v="traffic_signals"/></node>
@@ -153,8 +153,8 @@ def test_a_new_city_on_a_zones_border_is_in_the_frame_of_its_extract(
     call("city", "new", "edge", *where, "--country", "de", "--date", "2024-02-29")
     made = load_city("edge")
     assert made.zone == 32
-    with using_city("edge"):
-        assert load_source("edge", tmp_path).frame == made.frame
+    town = DataSet.named("edge")
+    assert load_source(town, "edge", tmp_path).frame == made.frame
 
 
 @pytest.mark.parametrize(("country", "side"), [("GB", "left"), ("ie", "left"), ("in", "left"), ("NO", "right")])

@@ -25,6 +25,7 @@ from tsbench.make.maps.road_tags import (
 )
 from tsbench.make.maps.source import load_source
 from tsbench.roads.network import Lane, read_network
+from tsbench.scenarios.data_set import DataSet
 
 RESIDENTIAL_MPS = 11.11
 
@@ -82,7 +83,7 @@ def test_the_tag_is_set_aside_and_the_road_stays(odd: str, workplace: Path, tmp_
     town.road([(0, 0), (300, 0)], "residential", **tags)
     town.road([(0, 100), (300, 100)], "residential")
     (tmp_path / "town.osm").write_text(town.xml(), encoding="utf-8")
-    facts = convert_extract(tmp_path / "town.osm", tmp_path / "town.net.xml")
+    facts = convert_extract(DataSet(), tmp_path / "town.osm", tmp_path / "town.net.xml")
     key, value = odd.split("=")
     least, most, unit = BOUNDS[key]
     assert facts.notes == (f"the tag {key} set aside, not {least:g} to {most:g}{unit}: {value!r} of way 501",)
@@ -91,7 +92,7 @@ def test_the_tag_is_set_aside_and_the_road_stays(odd: str, workplace: Path, tmp_
     assert [sum(lane.edge == edge for lane in lanes) for edge in ("501", "-501")] == [there, back]
     assert {lane.speed for lane in lanes} == {RESIDENTIAL_MPS}
     assert {lane.width for lane in lanes} == {3.25}
-    source = load_source("town", tmp_path)
+    source = load_source(DataSet(), "town", tmp_path)
     assert sorted(source.edge_ids) == ["-501", "-502", "501", "502"]
     assert source.notes == list(facts.notes)
 
@@ -123,7 +124,7 @@ def converted(folder: Path, roads: list[tuple[str, dict[str, str]]]) -> tuple[li
     for row, (highway, tags) in enumerate(roads):
         town.road([(0, 100.0 * row), (300, 100.0 * row)], highway, **tags)
     (folder / "town.osm").write_text(town.xml(), encoding="utf-8")
-    facts = convert_extract(folder / "town.osm", folder / "town.net.xml")
+    facts = convert_extract(DataSet(), folder / "town.osm", folder / "town.net.xml")
     return [lane for lane in read_network(folder / "town.net.xml").lanes if not lane.internal], facts.notes
 
 
@@ -135,7 +136,7 @@ def test_no_limit_is_believed_on_motorways_and_trunks_only(value: str, workplace
     slow = ("living_street", "residential", "unclassified", "tertiary", "secondary", "primary", "trunk_link")
     roads = [(highway, {key: value}) for highway in slow for key in SPEED_KEYS]
     lanes, notes = converted(tmp_path, [*roads, ("motorway", {"maxspeed": value}), ("trunk", {"maxspeed": value})])
-    usual = class_speeds(types_file())
+    usual = class_speeds(types_file(DataSet()))
     for row, (highway, _) in enumerate(roads, start=501):
         speeds = {lane.speed for lane in lanes if lane.edge in (f"{row}", f"-{row}")}
         assert speeds == {usual[f"highway.{highway}"]}
@@ -249,7 +250,7 @@ def test_a_road_that_is_one_way_for_cars_only_has_one_edge(workplace: Path, tmp_
     for row, tags in enumerate(({"oneway:motor_vehicle": "yes"}, {"oneway": "yes", "oneway:motorcar": "no"})):
         town.road([(0, 100.0 * row), (300, 100.0 * row)], "residential", **tags)
     (tmp_path / "town.osm").write_text(town.xml(), encoding="utf-8")
-    convert_extract(tmp_path / "town.osm", tmp_path / "town.net.xml")
+    convert_extract(DataSet(), tmp_path / "town.osm", tmp_path / "town.net.xml")
     lanes = read_network(tmp_path / "town.net.xml").lanes
     assert sorted(lane.edge for lane in lanes if not lane.internal) == ["-502", "501", "502"]
 
@@ -261,7 +262,7 @@ def test_netconvert_gets_the_open_roads_only(workplace: Path, tmp_path: Path) ->
         ends = [town.node(x, 100.0 * row) for x in (0, 300)]
         town.ways.append((ends, tags))
     (tmp_path / "town.osm").write_text(town.xml(), encoding="utf-8")
-    facts = convert_extract(tmp_path / "town.osm", tmp_path / "town.net.xml")
+    facts = convert_extract(DataSet(), tmp_path / "town.osm", tmp_path / "town.net.xml")
     ways, _ = origins_and_junctions([tmp_path / "town.net.xml"])
     made = {rows[way - 501][1] for way in ways}
     assert made == set(CASES["open"]) - {LEFT_AS_IT_IS}
@@ -272,7 +273,7 @@ def test_netconvert_gets_the_open_roads_only(workplace: Path, tmp_path: Path) ->
 
 
 def test_the_case_file_keeps_its_open_roads(workplace: Path, tmp_path: Path) -> None:
-    facts = convert_extract(HERE / "closed-to-cars.osm", tmp_path / "town.net.xml")
+    facts = convert_extract(DataSet(), HERE / "closed-to-cars.osm", tmp_path / "town.net.xml")
     ways, _ = origins_and_junctions([tmp_path / "town.net.xml"])
     assert ways == OPEN_WAYS == set(facts.road_ends)
     assert (

@@ -15,7 +15,7 @@ from tsbench.make.maps.source import load_source
 from tsbench.make.scenes.map_scenarios import SiteBuilder
 from tsbench.make.scenes.recipe import load_recipe
 from tsbench.run.edition import editions
-from tsbench.scenarios.data_set import read_table, scene_editions
+from tsbench.scenarios.data_set import DataSet, read_table, scene_editions
 from tsbench.scenarios.map_pool import read_pool
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.sumo import Simulation
@@ -37,7 +37,7 @@ def osm(workplace: Path) -> Path:
 
 def test_the_extracts_are_those_of_the_city_s_file() -> None:
     told = {e.name: (e.sha256, e.bytes) for e in load_city("moscow").extracts}
-    found = {extract_name(path): (sha256_of(path), path.stat().st_size) for path in list_extracts(SOURCES)}
+    found = {extract_name(path): (sha256_of(path), path.stat().st_size) for path in list_extracts(DataSet(), SOURCES)}
     assert found == told
 
 
@@ -48,7 +48,7 @@ def test_the_extract_gives_the_maps_of_the_pool(extract: str, workplace: Path, t
     (tmp_path / "osm").mkdir()
     shutil.copy(SOURCES / f"{extract}.osm.gz", tmp_path / "osm")
     pool = tmp_path / "again.parquet"
-    harvest(tmp_path / "osm", pool, tmp_path / "again.json", 1, lambda *_: None)
+    harvest(DataSet(), tmp_path / "osm", pool, tmp_path / "again.json", 1, lambda *_: None)
     made = {row.map_id: row for row in read_pool(pool)}
     # Alone, the extract keeps the maps that it leaves to better ones elsewhere.
     assert set(shipped) <= set(made)
@@ -64,7 +64,7 @@ def test_maps_give_the_scenes_of_their_edition(osm: Path, workplace: Path, tmp_p
     maps = sorted({r.map_id for r in rows if r.pair_type == TYPE and pool[r.map_id].source == EXTRACT})
     assert maps
     recipe = load_recipe(TYPE, load_catalog(), scenarios / "recipes")
-    builder, source = SiteBuilder(recipe, tmp_path, Simulation()), load_source(EXTRACT, osm)
+    builder, source = SiteBuilder(recipe, tmp_path, Simulation()), load_source(DataSet(), EXTRACT, osm)
     for one in maps:
         built = builder.build(pool[one], source, "test")
         if scene_editions(scenarios / "editions.yaml")["test"] != editions()[-1].name and built.reason:

@@ -11,6 +11,7 @@ from town import EAST, NORTH, make_town
 from tsbench.core.errors import InputError
 from tsbench.make.city import list_extracts
 from tsbench.make.maps.source import SourceNetwork, load_source
+from tsbench.scenarios.data_set import DataSet
 
 
 def test_nodes_stand_where_the_town_put_them(tiny: SourceNetwork) -> None:
@@ -36,7 +37,7 @@ def test_types_speeds_and_lanes(tiny: SourceNetwork) -> None:
 
 
 def test_the_cache_gives_the_same_network(tiny: SourceNetwork, osm_dir: Path) -> None:
-    again = load_source("tiny", osm_dir)
+    again = load_source(DataSet(), "tiny", osm_dir)
     assert again.edge_ids == tiny.edge_ids
     assert np.array_equal(again.points, tiny.points)
     assert again.rings == tiny.rings
@@ -45,8 +46,8 @@ def test_the_cache_gives_the_same_network(tiny: SourceNetwork, osm_dir: Path) ->
 
 def test_a_missing_extract_says_which_command_gets_it(osm_dir: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"no extract 'paris'.*maps fetch"):
-        load_source("paris", osm_dir)
+        load_source(DataSet(), "paris", osm_dir)
     with pytest.raises(InputError, match="no OSM extract in it"):
-        list_extracts(tmp_path)
+        list_extracts(DataSet(), tmp_path)
     with pytest.raises(InputError, match="no such folder"):
-        list_extracts(tmp_path / "nowhere")
+        list_extracts(DataSet(), tmp_path / "nowhere")

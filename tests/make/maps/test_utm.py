@@ -16,6 +16,7 @@ from tsbench.make.maps.harvest import _check_one_frame
 from tsbench.make.maps.osm import contents_of
 from tsbench.make.maps.source import SourceNetwork, load_source
 from tsbench.make.maps.utm import UtmFrame, frame_of, zones_at
+from tsbench.scenarios.data_set import DataSet
 
 ZONES = st.integers(1, 60)
 
@@ -67,7 +68,7 @@ def test_a_town_on_a_zones_border_is_in_the_zone_of_most_of_it(
     name = f"border-{zone}-{reverse}"
     (tmp_path / f"{name}.osm").write_text(town.xml(UtmFrame(32), 5_540_000.0), encoding="utf-8")
     assert contents_of(tmp_path / f"{name}.osm").places.zone == zone
-    source = load_source(name, tmp_path)
+    source = load_source(DataSet(), name, tmp_path)
     assert source.frame == UtmFrame(zone)
     lon = source.frame.to_degrees(*source.node_xy.T)[:, 1]
     assert lon.min() < 12.0 < lon.max()
@@ -84,7 +85,7 @@ def test_the_same_town_elsewhere_is_the_same_network(
     """Roads and signals lie where they lay in Moscow, to the decimetres that scale makes of a kilometre."""
     zone, north = PLACES[place]
     (tmp_path / f"{place}.osm").write_text(make_town().xml(UtmFrame(zone), north), encoding="utf-8")
-    there = load_source(place, tmp_path)
+    there = load_source(DataSet(), place, tmp_path)
     assert there.frame == UtmFrame(zone)
     assert there.edge_ids == tiny.edge_ids
     shift = np.array([0.0, north - NORTH])
@@ -97,9 +98,9 @@ def test_the_same_town_elsewhere_is_the_same_network(
 
 
 def test_extracts_outside_the_citys_zone_are_no_part_of_its_pool() -> None:
-    _check_one_frame({"a": UtmFrame(37), "b": UtmFrame(37)}, Path("osm"))
+    _check_one_frame(DataSet(), {"a": UtmFrame(37), "b": UtmFrame(37)}, Path("osm"))
     with pytest.raises(InputError, match="osm: b is in UTM zone 31, moscow in UTM zone 37: one pool is of one"):
-        _check_one_frame({"a": UtmFrame(37), "b": UtmFrame(31)}, Path("osm"))
+        _check_one_frame(DataSet(), {"a": UtmFrame(37), "b": UtmFrame(31)}, Path("osm"))
 
 
 def test_roads_of_two_cities_are_refused_in_one_line(tmp_path: Path) -> None:
@@ -114,4 +115,4 @@ def test_roads_of_two_cities_are_refused_in_one_line(tmp_path: Path) -> None:
     text = f'<?xml version="1.0" encoding="UTF-8"?>\n<osm version="0.6">\n{nodes}\n{ways}\n</osm>\n'
     (tmp_path / "two.osm").write_text(text, encoding="utf-8")
     with pytest.raises(InputError, match=r"two\.osm: its roads lie 50\d km apart, more than one city"):
-        load_source("two", tmp_path)
+        load_source(DataSet(), "two", tmp_path)

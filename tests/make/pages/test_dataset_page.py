@@ -32,7 +32,7 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 @pytest.fixture(scope="module", autouse=True)
 def proofs() -> Iterator[list[Certificate]]:
     """All certificates, read once."""
-    found = certificates_of(DataSet.in_use())
+    found = certificates_of(DataSet())
     with pytest.MonkeyPatch.context() as patch:
         for reader in (module, overview):
             patch.setattr(reader, "certificates_of", lambda _: found)
@@ -42,7 +42,7 @@ def proofs() -> Iterator[list[Certificate]]:
 @pytest.fixture(scope="module")
 def rows() -> list[ScenarioSpec]:
     """Three variants of one test map for each of three types."""
-    table = [row for row in DataSet.in_use().table("test") if row.half == SIGNED]
+    table = [row for row in DataSet().table("test") if row.half == SIGNED]
     first = {kind: next(row.map_id for row in table if row.pair_type == kind) for kind in TYPES}
     return [row for row in table if row.map_id == first.get(row.pair_type) and row.variant in (0, 2, 5)]
 
@@ -51,7 +51,7 @@ def rows() -> list[ScenarioSpec]:
 def page(rows: list[ScenarioSpec], tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("page") / "new" / "scenarios.html"
     told: list[tuple[int, int]] = []
-    size = write_dataset_page(DataSet.in_use(), rows, path, 1, lambda *at: told.append(at))
+    size = write_dataset_page(DataSet(), rows, path, 1, lambda *at: told.append(at))
     assert size == path.stat().st_size
     assert told == [(1, 3), (2, 3), (3, 3)]
     return path
@@ -97,8 +97,8 @@ def test_each_scene_is_there_with_its_certificate(
 
 def test_both_halves_of_a_pair_are_there(tmp_path: Path) -> None:
     """The halves of `bus_lane` have one type, one map and one variant; only the plate's lane tells them apart."""
-    pair = [r for r in DataSet.in_use().table("dev") if r.pair_type == "bus_lane"][:2]
-    write_dataset_page(DataSet.in_use(), pair, tmp_path / "pair.html", 1, lambda *at: None)
+    pair = [r for r in DataSet().table("dev") if r.pair_type == "bus_lane"][:2]
+    write_dataset_page(DataSet(), pair, tmp_path / "pair.html", 1, lambda *at: None)
     text = (tmp_path / "pair.html").read_text(encoding="utf-8")
     packed = unpacked(text, f"scene/bus_lane/{pair[0].map_id}")
     signed, contrast = (packed["scenes"][r.scenario_id] for r in sorted(pair, key=lambda r: r.half == "contrast"))
@@ -132,14 +132,14 @@ def test_what_cannot_be_shown_is_one_line(
     rows: list[ScenarioSpec], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(InputError, match="no scenario is selected"):
-        write_dataset_page(DataSet.in_use(), [], tmp_path / "a.html", 1, lambda *_: None)
+        write_dataset_page(DataSet(), [], tmp_path / "a.html", 1, lambda *_: None)
     with pytest.raises(SystemExit) as ended:
         main(["scenarios", "browse", "--types", "fly"])
     assert ended.value.code == 2
     assert "--types fly: no such type" in capsys.readouterr().err
     monkeypatch.setattr(module, "certificates_of", lambda _: [])
     with pytest.raises(InputError, match="no certificate for "):
-        write_dataset_page(DataSet.in_use(), rows[:1], tmp_path / "a.html", 1, lambda *_: None)
+        write_dataset_page(DataSet(), rows[:1], tmp_path / "a.html", 1, lambda *_: None)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -149,7 +149,7 @@ def test_a_page_that_is_too_large_is_not_written(
     monkeypatch.setattr(module, "LARGEST_BYTES", 1000)
     monkeypatch.setattr(module, "pack_scenes", lambda *_: ())
     with pytest.raises(InputError, match="give --types or --split"):
-        write_dataset_page(DataSet.in_use(), rows[:1], tmp_path / "a.html", 1, lambda *_: None)
+        write_dataset_page(DataSet(), rows[:1], tmp_path / "a.html", 1, lambda *_: None)
     assert list(tmp_path.iterdir()) == []
 
 

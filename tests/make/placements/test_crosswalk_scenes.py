@@ -258,7 +258,7 @@ def site_of(tmp_path_factory: pytest.TempPathFactory) -> SiteOf:
 
 
 def driven(row: ScenarioSpec, root: Path, planner: str = "idm", sim: Simulation | None = None) -> EpisodeResult:
-    loader = SceneLoader(DataSet.in_use(), SceneFolder(root))
+    loader = SceneLoader(DataSet(), SceneFolder(root))
     return EpisodeRunner(resolve(planner), simulation=sim or simulation(), loader=loader).run(row)
 
 
@@ -266,7 +266,7 @@ def driven(row: ScenarioSpec, root: Path, planner: str = "idm", sim: Simulation 
 def test_a_site_is_sound_and_tells_who_yields(name: str, site_of: SiteOf, tmp_path: Path) -> None:
     site, root = site_of(name)
     assert site.reason == ""
-    loader = SceneLoader(DataSet.in_use(), SceneFolder(root))
+    loader = SceneLoader(DataSet(), SceneFolder(root))
     for row in site.rows:
         scene, roads = loader.load(row)
         assert list(lint_scene(scene, roads.graph)) == []
@@ -284,7 +284,7 @@ def test_a_site_is_sound_and_tells_who_yields(name: str, site_of: SiteOf, tmp_pa
 def test_the_halves_of_a_pair_tell_each_other_apart_by_the_plate_alone(name: str, site_of: SiteOf) -> None:
     site, root = site_of(name)
     signed, contrast = site.rows[:2]
-    loader = SceneLoader(DataSet.in_use(), SceneFolder(root))
+    loader = SceneLoader(DataSet(), SceneFolder(root))
     (a, _), (b, _) = loader.load(signed), loader.load(contrast)
     assert (a.target_sign.code, b.target_sign.code) == ("5.19", "3.24")
     assert b.target_sign.posted * KMH >= max(lane.speed for lane in b.network.edge_lanes("road.0")) - 0.15
@@ -331,7 +331,7 @@ def test_people_of_a_contrast_half_stand_until_the_ego_is_past(site_of: SiteOf) 
 def test_pictures_show_the_zebra_and_the_people(site_of: SiteOf) -> None:
     site, root = site_of("two_way")
     row = site.rows[0]
-    scene, _ = SceneLoader(DataSet.in_use(), SceneFolder(root)).load(row)
+    scene, _ = SceneLoader(DataSet(), SceneFolder(root)).load(row)
     assert scene.walkers is not None
     walkers = {body.name: (body.x, body.y) for body in staged_bodies(scene) if body.kind == "pedestrian"}
     assert set(walkers) == set(scene.walkers.persons)

@@ -229,7 +229,7 @@ def test_scenes_are_sound_and_nobody_else_enters_the_closed_road(
     root, rows = site
     for type_id, specs in rows.items():
         for spec in specs:
-            scene, roads = SceneLoader(DataSet.in_use(), SceneFolder(root)).load(spec)
+            scene, roads = SceneLoader(DataSet(), SceneFolder(root)).load(spec)
             assert list(lint_scene(scene, roads.graph)) == []
             if type_id == "blocked_road" and spec.variant:
                 closed = {scene.target_sign.edge, scene.target_sign.edge.replace("out", "in")}
@@ -240,7 +240,7 @@ def test_scenes_are_sound_and_nobody_else_enters_the_closed_road(
 
 def drive(root: Path, spec: ScenarioSpec, planner: str, folder: Path) -> tuple[Trace, Row, list[Row]]:
     """An episode's trace, and its row and events as a run records them."""
-    loader = SceneLoader(DataSet.in_use(), SceneFolder(root))
+    loader = SceneLoader(DataSet(), SceneFolder(root))
     result = EpisodeRunner(resolve(planner), simulation=simulation(), loader=loader).run(spec)
     assert result.facts is not None, result.error
     row, events = score(spec, planner, False, result.facts)
@@ -273,8 +273,8 @@ def test_a_held_stop_is_judged_alike_from_the_trace(
     # Three seconds still, and not a tick longer than it takes.
     speeds = [s.ego.speed for s in trace.snapshots]
     assert max(speeds[-31:]) <= 0.5 < speeds[-32]
-    judge = Judge(DataSet.in_use())
-    monkeypatch.setattr(judge, "_loader", SceneLoader(DataSet.in_use(), SceneFolder(root)))
+    judge = Judge(DataSet())
+    monkeypatch.setattr(judge, "_loader", SceneLoader(DataSet(), SceneFolder(root)))
     key = ("idm-e", spec.scenario_id)
     assert list(judge.compare(trace, key, row, events)) == []
     # A trace that is cut off before the stop is complete, or says more than happened, does not pass.

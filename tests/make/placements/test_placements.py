@@ -203,7 +203,7 @@ def test_a_site_is_sound_dense_as_asked_and_the_same_again(
     assert one.reason == ""
     halves = ["signed", "contrast"] if recipe_of(type_id).paired else ["signed"]
     assert [(r.variant, r.half) for r in one.rows] == [(k, half) for k in (0, 1) for half in halves]
-    loader = SceneLoader(DataSet.in_use(), SceneFolder(tmp_path / "one"))
+    loader = SceneLoader(DataSet(), SceneFolder(tmp_path / "one"))
     for row, certificate in zip(one.rows, one.certificates, strict=True):
         density = certificate.realised_density
         scene, roads = loader.load(row)
@@ -238,7 +238,7 @@ def test_a_variant_is_drawn_anew_until_it_is_solved(tmp_path: Path, lone_yield: 
     site = lone_yield("kept", (0, 1), Recorder(lambda spec, k: (spec.variant == 0 or k == 2, True)))
     assert [c.attempt for c in site.certificates] == [0, 2]
     # The files are those of the draw that was kept, and another draw is another scene.
-    loader = SceneLoader(DataSet.in_use(), SceneFolder(tmp_path / "kept"))
+    loader = SceneLoader(DataSet(), SceneFolder(tmp_path / "kept"))
     for row, certificate in zip(site.rows, site.certificates, strict=True):
         loader.load(row)
         assert certificate.digest == row.additional_sha256
@@ -259,7 +259,7 @@ def test_one_of_ten_need_not_tempt(tmp_path: Path, lone_yield: LoneYield, monkey
     monkeypatch.setattr(site_module, "UNTEMPTING_MOST", 0.5)
     site = lone_yield("half", (0, 1), Recorder(lambda spec, k: (k > 0, spec.variant == 0)))
     assert [(c.attempt, c.tempting) for c in site.certificates] == [(1, True), (1, False)]
-    SceneLoader(DataSet.in_use(), SceneFolder(tmp_path / "half")).load(site.rows[1])
+    SceneLoader(DataSet(), SceneFolder(tmp_path / "half")).load(site.rows[1])
     dull = lone_yield("dull", (0, 1), Recorder(lambda *_: (True, False)))
     assert dull.reason == "2 variants do not tempt idm"
 

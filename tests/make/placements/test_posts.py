@@ -67,7 +67,7 @@ def build(type_id: str, made: tuple[PoolRow, PlainNet], root: Path) -> list[Scen
         builder = SiteBuilder(load_recipe(type_id, load_catalog()), root, simulation())
         site = builder.build(row, None, "train")  # type: ignore[arg-type]
     assert site.reason == ""
-    loader = SceneLoader(DataSet.in_use(), SceneFolder(root))
+    loader = SceneLoader(DataSet(), SceneFolder(root))
     return [loader.load(spec)[0] for spec in site.rows]
 
 

@@ -296,7 +296,7 @@ def test_a_site_is_sound_and_its_users_are_there(type_id: str, tmp_path: Path, m
     monkeypatch.setattr(site_module, "variants_of", lambda *names: variants_of(*names)[:2])
     site = SiteBuilder(recipe_of(type_id), tmp_path, simulation()).build(MADE[type_id][0], None, "test")  # type: ignore[arg-type]
     assert site.reason == ""
-    loader, sim = SceneLoader(DataSet.in_use(), SceneFolder(tmp_path)), simulation()
+    loader, sim = SceneLoader(DataSet(), SceneFolder(tmp_path)), simulation()
     for spec in site.rows:
         scene, roads = loader.load(spec)
         assert list(lint_scene(scene, roads.graph)) == []

@@ -11,7 +11,6 @@ import pytest
 from pool_builders import corridor, prepared, recipe_of, two_way
 from simworld import CALM, FAST, LIMIT, simulation
 
-from tsbench.core.paths import using_city
 from tsbench.make.maps.netconvert import build_net
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError
@@ -271,8 +270,8 @@ def test_maps_that_are_too_short_or_too_narrow(networks: dict[str, RoadNetwork])
         placement.prepare(*two_way(length=150.0), recipe)
     with pytest.raises(UnfitMapError, match="50 km/h is no limit of its class"):
         placement.prepare(*two_way(speed=LIMIT), recipe)
-    with using_city("north-bayreuth"):
-        placement.prepare(*two_way(speed=LIMIT), recipe)
+    road, plain = two_way(speed=LIMIT)
+    placement.prepare(road, replace(plain, data=DataSet("north-bayreuth")), recipe)
     net = networks["min_speed"]
     one = replace(net.edges["road"], lanes=net.edges["road"].lanes[:1])
     narrow = networks | {"min_speed": replace(net, edges={**net.edges, "road": one})}
@@ -289,7 +288,7 @@ def test_a_site_is_sound_and_has_only_oncoming_vehicles_that_keep_the_lower_limi
     site = SiteBuilder(recipe_of(type_id), tmp_path, simulation()).build(MADE[type_id][0], None, "test")  # type: ignore[arg-type]
     assert site.reason == ""
     for row in site.rows:
-        scene, roads = SceneLoader(DataSet.in_use(), SceneFolder(tmp_path)).load(row)
+        scene, roads = SceneLoader(DataSet(), SceneFolder(tmp_path)).load(row)
         assert list(lint_scene(scene, roads.graph)) == []
         others = [v for v in scene_vehicles(scene) if v.id != EGO_ID]
         assert bool(others) == bool(row.density) == (type_id != "min_speed")

@@ -66,7 +66,7 @@ def built(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(site_module, "plain_crop", lambda *_: crop)
         patch.setattr(site_module, "variants_of", lambda *n: [v for v in variants_of(*n) if v.density < most][1:2])
-        prover = Certifier(simulation(), SceneLoader(DataSet.in_use(), SceneFolder(root)))
+        prover = Certifier(simulation(), SceneLoader(DataSet(), SceneFolder(root)))
         site = SiteBuilder(recipe, root, simulation(), prover).build(row, None, "train")  # type: ignore[arg-type]
     assert site.reason == ""
     return Built(site, root)
@@ -144,9 +144,7 @@ class Doubter:
 @pytest.mark.parametrize("driver", [Crawler, Doubter])
 def test_who_hesitates_does_not_pass_both(built: Built, driver: type[Crawler | Doubter]) -> None:
     planner = LoadedPlanner("blind", lambda **_: driver())
-    runner = EpisodeRunner(
-        planner, simulation=simulation(), loader=SceneLoader(DataSet.in_use(), SceneFolder(built.root))
-    )
+    runner = EpisodeRunner(planner, simulation=simulation(), loader=SceneLoader(DataSet(), SceneFolder(built.root)))
     for pair in built.pairs:
         results = [runner.run(spec) for spec in pair]
         assert all(r.facts is not None for r in results), results[0].error

@@ -20,7 +20,7 @@ from tsbench.make.city import load_city
 from tsbench.make.scenes import build as build_module
 from tsbench.make.scenes.build import BuildRequest, TypeBuilder, TypeReport, _reason_class, build_scenarios
 from tsbench.make.scenes.recipe import Recipe, load_recipe, stratum_of
-from tsbench.scenarios.data_set import SPLITS, read_table
+from tsbench.scenarios.data_set import SPLITS, DataSet, read_table
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path
@@ -82,7 +82,7 @@ class _Done:
 def fill(
     root: Path, rows: list[PoolRow], pool: Pool | None = None, split: str = "train", workers: int = 2
 ) -> tuple[list[str], dict[str, int], dict[str, int], TypeReport]:
-    request = BuildRequest((), root, root, workers, "")
+    request = BuildRequest(DataSet(), (), root, root, workers, "")
     builder = TypeBuilder(request, recipe(), Workers(pool or Pool()), dict.fromkeys((r.map_id for r in rows), split))  # type: ignore[arg-type]
     told: list[tuple[str, int, int]] = []
     sites, report = builder.fill(rows, split, lambda *a: told.append(a))
@@ -118,7 +118,7 @@ def test_a_withdrawn_map_is_not_tried(tmp_path: Path, monkeypatch: pytest.Monkey
     rows = strewn(12)
     before, *_ = fill(tmp_path / "a", rows)
     withdrawn = frozenset(before[:3])
-    monkeypatch.setattr(build_module, "chosen_city", lambda: replace(load_city("moscow"), withdrawn=withdrawn))
+    monkeypatch.setattr(build_module, "load_city", lambda _: replace(load_city("moscow"), withdrawn=withdrawn))
     names, counts, _, report = fill(tmp_path / "b", rows)
     assert not withdrawn & set(names)
     assert (counts, report.reasons) == (QUOTA, {}), "others take their place"
@@ -127,7 +127,7 @@ def test_a_withdrawn_map_is_not_tried(tmp_path: Path, monkeypatch: pytest.Monkey
 def test_only_maps_of_the_split(tmp_path: Path) -> None:
     rows = strewn(24)
     sides = {r.map_id: "test" if k % 2 else "train" for k, r in enumerate(rows)}
-    builder = TypeBuilder(BuildRequest((), tmp_path, tmp_path, 2, ""), recipe(), Workers(Pool()), sides)  # type: ignore[arg-type]
+    builder = TypeBuilder(BuildRequest(DataSet(), (), tmp_path, tmp_path, 2, ""), recipe(), Workers(Pool()), sides)  # type: ignore[arg-type]
     for split in ("train", "test"):
         sites, _ = builder.fill(rows, split, lambda *_: None)
         assert {sides[s.map_id] for s in sites} == {split}
@@ -250,7 +250,7 @@ def test_a_build_ends_with_tables_and_stores_the_same_bytes_again(
     monkeypatch.setattr(parallel, "ProcessPoolExecutor", lambda *_, **__: next(waiting))
 
     def build(root: Path) -> dict[str, bytes]:
-        build_scenarios(BuildRequest(("detour_right",), root, root, 2, ""), lambda *_: None)
+        build_scenarios(BuildRequest(DataSet(), ("detour_right",), root, root, 2, ""), lambda *_: None)
         files = [p for p in root.rglob("*.parquet") if "build" not in p.relative_to(root).parts]
         return {p.relative_to(root).as_posix(): p.read_bytes() for p in files}
 

@@ -41,7 +41,7 @@ def problems(
         "linted", start, end, route, sign or plate(made.network, "ta", 139.0), cars=cars, obstacles=obstacles,
         convoy_at=convoy_at, change=add_compliant if compliant else None,
     )  # fmt: skip
-    scene, roads = SceneLoader(DataSet.in_use(), SceneFolder(made.root)).load(spec)
+    scene, roads = SceneLoader(DataSet(), SceneFolder(made.root)).load(spec)
     return list(lint_scene(scene, roads.graph))
 
 

@@ -114,7 +114,7 @@ def test_the_counts_that_it_drives_by_are_those_that_it_was_published_with() -> 
 
 def test_counts_are_those_of_the_scenes(tmp_path: Path) -> None:
     """Of one priority type; what is written is read again."""
-    rows = [row for row in DataSet.in_use().table("train") if row.pair_type == "stop"]
+    rows = [row for row in DataSet().table("train") if row.pair_type == "stop"]
     found = count_plates(rows)
     assert of_priority(found) == {("2.5", None): PRIORITY["2.5", None]}
     write_counts(found, tmp_path / "codes.csv")

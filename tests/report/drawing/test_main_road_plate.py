@@ -16,13 +16,13 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.main_road import MainRoad, main_roads
 from tsbench.sim.scene import Scene
 
-LOADER = SceneLoader(DataSet.in_use())
+LOADER = SceneLoader(DataSet())
 
 
 @pytest.fixture(scope="module")
 def rows() -> dict[tuple[str, str], ScenarioSpec]:
     """The first row of each type and half."""
-    table = DataSet.in_use().table("dev")
+    table = DataSet().table("dev")
     return {(row.scenario_type, row.half): row for row in reversed(table) if row.half}
 
 

@@ -12,7 +12,6 @@ import shapely
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tsbench.core.paths import using_city
 from tsbench.geometry.polyline import Polyline
 from tsbench.report.drawing.canvas import STYLE, Area, lane_area, rounded, rounded_along
 from tsbench.report.drawing.hud import _plain
@@ -54,8 +53,8 @@ def test_a_corner_becomes_a_curve_and_a_hairpin_stays() -> None:
 
 def test_lanes_before_a_fork_say_where_they_lead() -> None:
     """Of `yield`, whose arm ends at a junction with two ways; a road without one has no arrow unless it is one-way."""
-    rows = {row.scenario_type: row for row in DataSet.in_use().table("dev") if row.half == "signed"}
-    loader = SceneLoader(DataSet.in_use())
+    rows = {row.scenario_type: row for row in DataSet().table("dev") if row.half == "signed"}
+    loader = SceneLoader(DataSet())
 
     def heads(kind: str, *, plates: bool = True) -> int:
         scene, _ = loader.load(rows[kind])
@@ -127,32 +126,37 @@ def test_places_along_a_rounded_line_are_those_of_the_line_where_it_is_straight(
 
 def test_buildings_stand_beside_the_roads() -> None:
     """Of a shipped city: were its file in another frame, houses would stand on lanes."""
-    with using_city("north-bayreuth"):
-        rows = {row.map_id: row for row in DataSet.in_use().table("dev")}
-        on_roads = houses = 0.0
-        for row in rows.values():
-            built = [one.polygon for one in ground_shapes(row.map_id) if one.colour == "building"]
-            shapes = list(road_shapes(load_scene(DataSet.in_use(), row).network))
-            asphalt = shapely.union_all([s.polygon for s in shapes if isinstance(s, Area) and s.colour == "asphalt"])
-            houses += sum(shape.area for shape in built)
-            on_roads += sum(shape.intersection(asphalt).area for shape in built)
+    data = DataSet("north-bayreuth")
+    rows = {row.map_id: row for row in data.table("dev")}
+    on_roads = houses = 0.0
+    for row in rows.values():
+        scene = load_scene(data, row)
+        built = [one.polygon for one in ground_shapes(scene, row.map_id) if one.colour == "building"]
+        shapes = list(road_shapes(scene.network))
+        asphalt = shapely.union_all([s.polygon for s in shapes if isinstance(s, Area) and s.colour == "asphalt"])
+        houses += sum(shape.area for shape in built)
+        on_roads += sum(shape.intersection(asphalt).area for shape in built)
     assert houses > 1_000.0
     assert on_roads < 0.01 * houses
 
 
 def test_a_mirror_turns_them_and_moscow_has_none() -> None:
-    with using_city("north-bayreuth"):
-        row = next(row for row in DataSet.in_use().table("dev") if ground_shapes(row.map_id))
-        own = ground_shapes(row.map_id)
-        page = scene_picture(load_scene(DataSet.in_use(), row), "title", map_id=row.map_id)
-        bare = scene_picture(load_scene(DataSet.in_use(), row), "title")
-    with using_city("mirrored-north-bayreuth"):
-        turned = ground_shapes(row.map_id)
+    data, image = DataSet("north-bayreuth"), DataSet("north-bayreuth", mirrored=True)
+    row, scene = next(
+        (row, scene)
+        for row in data.table("dev")
+        for scene in [load_scene(data, row)]
+        if ground_shapes(scene, row.map_id)
+    )
+    own = ground_shapes(scene, row.map_id)
+    page = scene_picture(scene, "title", map_id=row.map_id)
+    bare = scene_picture(scene, "title")
+    turned = ground_shapes(load_scene(image, image.table("dev")[0]), row.map_id)
     for one, other in zip(own, turned, strict=True):
         left, low, right, high = one.polygon.bounds
         assert other.polygon.bounds == (-right, low, -left, high)
         assert other.colour == one.colour
-    assert ground_shapes(row.map_id) == ()
+    assert ground_shapes(load_scene(DataSet(), DataSet().table("dev")[0]), row.map_id) == ()
     # It is in pictures, and pages take the same shapes.
     colour = np.array(getattr(STYLE, own[-1].colour))
     assert (page == colour).all(axis=2).any()

@@ -18,13 +18,13 @@ from tsbench.sim.world import EGO_LENGTH_M, EgoState
 def first_of_each() -> dict[str, ScenarioSpec]:
     """The first test row of each type that there is."""
     found: dict[str, ScenarioSpec] = {}
-    for row in DataSet.in_use().table("test"):
+    for row in DataSet().table("test"):
         found.setdefault(row.scenario_type, row)
     return found
 
 
 def test_every_type_has_its_zone_near_the_plate(first_of_each: dict[str, ScenarioSpec]) -> None:
-    loader = SceneLoader(DataSet.in_use())
+    loader = SceneLoader(DataSet())
     for kind, row in first_of_each.items():
         scene, _ = loader.load(row)
         zone = rule_zone(scene)
@@ -44,8 +44,8 @@ def test_every_type_has_its_zone_near_the_plate(first_of_each: dict[str, Scenari
     [("stop", "line"), ("no_turn_right", "_line"), ("crosswalk", "_begin"), ("no_entry", "_plate")],
 )
 def test_a_front_on_the_drawn_line_is_on_the_judged_one(kind: str, monitor_line: str) -> None:
-    row = next(r for r in DataSet.in_use().table("dev") if r.scenario_type == kind and r.half == "signed")
-    scene = load_scene(DataSet.in_use(), row)
+    row = next(r for r in DataSet().table("dev") if r.scenario_type == kind and r.half == "signed")
+    scene = load_scene(DataSet(), row)
     sign = scene.target_sign
     monitor = make_monitor(sign, scene)
     lane = scene.network.edge_lanes(sign.edge)[0]

@@ -113,9 +113,9 @@ def setup(actor: RayActor) -> Setup:
     (line,) = actor.probe([encode(Probe(SPEC))])
     planner = decode(line, (Probed,)).planner
     assert planner is not None
-    contract = contract_hash(DataSet.in_use().table("test"), load_catalog())
+    contract = contract_hash(DataSet().table("test"), load_catalog())
     runner = "fake_runner:FakeRunner"
-    return Setup((planner,), EXACTLY, "cpu", "all", "/nowhere", DataSet.in_use(), "test", contract, runner=runner)
+    return Setup((planner,), EXACTLY, "cpu", "all", "/nowhere", DataSet(), "test", contract, runner=runner)
 
 
 def refusal(actor: RayActor, setup: Setup) -> str:

@@ -20,7 +20,7 @@ from tsbench.scenarios.data_set import DataSet
 pytestmark = pytest.mark.slow
 # Ray is large: it is imported where it is needed, in processes of their own.
 WHO = PlannerInfo("fake", "fake", False, False, (), None, None)
-SETUP = Setup((WHO,), EXACTLY, "cpu", "none", "/nowhere", DataSet.in_use(), "test", "")
+SETUP = Setup((WHO,), EXACTLY, "cpu", "none", "/nowhere", DataSet(), "test", "")
 
 
 class Method:

@@ -48,7 +48,7 @@ class Drivers:
     """The simulation of a process, and all that is made once and used for many drives."""
 
     def __init__(self) -> None:
-        self._loader, self._simulation = SceneLoader(DataSet.in_use()), Simulation()
+        self._loader, self._simulation = SceneLoader(DataSet()), Simulation()
         self._runners: dict[Hashable, object] = {}
         self._tokeniser: Tokeniser | None = None
 

@@ -89,13 +89,13 @@ def experts() -> tuple[str, ...]:
     return tuple(name for name in names() if entry(name).kind == "expert" and name.endswith("-e"))
 
 
-def collect(options: CollectOptions, watcher: ProgressListener) -> Collected:
+def collect(data: DataSet, options: CollectOptions, watcher: ProgressListener) -> Collected:
     """Drive what is not there yet. Raises InputError for wrong options or a folder that cannot be used."""
     if not LEAST_LEARNED_VARIANTS <= options.learned_variants <= VARIANTS:
         raise InputError(
             f"--learned-variants {options.learned_variants}: expected {LEAST_LEARNED_VARIANTS} to {VARIANTS}"
         )
-    plan = make_plan(options.request, DataSet.in_use())
+    plan = make_plan(options.request, data)
     effective = {"collection": KIND, "split": plan.request.split, "tries": options.tries}
     # Without rows: each line knows the row that it was driven on, so the table may grow.
     contract = basis(plan.data)

@@ -84,12 +84,13 @@ def ticks_of(
 _TEXT = ("scenario_id", "planner", "part", "type", "sign", "half")
 
 
-def export(path: Path, split: str, out: Path, rank: int = 1, limit: int | None = None) -> tuple[int, int]:
+def export(
+    data: DataSet, path: Path, split: str, out: Path, rank: int = 1, limit: int | None = None
+) -> tuple[int, int]:
     """Write the ticks of a table's drives up to `rank` (0 = all of them); the numbers of drives and ticks.
 
     out: a file. A failed export leaves nothing new.
     """
-    data = DataSet.in_use()
     rows = {row.scenario_id: row for row in data.table(split)}
     chosen = (d for d in stream_trajectories(path) if d.scenario_id in rows and (not rank or 0 < d.rank <= rank))
     seen = SceneSeen()

@@ -94,12 +94,11 @@ def part_of(spec: ScenarioSpec) -> str:
     return VALIDATION if kept else TRAIN
 
 
-def select(folder: Path, path: Path, allow_partial: bool) -> Selected:
+def select(data: DataSet, folder: Path, path: Path, allow_partial: bool) -> Selected:
     """Choose from a collection and write the table `path`, and beside it all tries and what they were made with.
 
     Raises InputError: no collection, one that is not finished (unless `allow_partial`), or of other code or scenarios.
     """
-    data = DataSet.in_use()
     manifest = read_collection(folder)
     if manifest["status"] != "complete" and not allow_partial:
         raise InputError(f"{folder}: its collection is not finished: run it again, or give --allow-partial")
@@ -152,29 +151,29 @@ def _best(tries: Iterable[Row]) -> dict[str, list[tuple[Candidate, float]]]:
     return {scenario: rank(candidates) for scenario, candidates in sorted(found.items())}
 
 
-def stats(path: Path, split: str) -> Analysis:
+def stats(data: DataSet, path: Path, split: str) -> Analysis:
     """The composition of a table. Raises InputError for drives of scenarios that the split does not have."""
     from tsbench.report.analyses.oracle_composition import RankedDrive, composition  # brings matplotlib
 
-    rows = _rows(split)
+    rows = _rows(data, split)
     chosen = [
         RankedDrive(d.scenario_id, rows[d.scenario_id].group, d.planner, d.rank, d.part, len(d.commands) * DT_S)
-        for d in _drives(path, split, rows)
+        for d in _drives(path, data.table_path(split), rows)
         if d.rank
     ]
     return composition(chosen, Counter(row.group for row in rows.values()), split)
 
 
-def verify(path: Path, split: str, limit: int | None) -> int:
+def verify(data: DataSet, path: Path, split: str, limit: int | None) -> int:
     """Replay drives of a table, `limit` of them drawn by hash; returns how many.
 
     Raises SimulationError, which says which and how, for one that comes out otherwise than it was recorded.
     """
-    rows = _rows(split)
-    names = ((d.scenario_id, d.planner) for d in _drives(path, split, rows))
+    rows = _rows(data, split)
+    names = ((d.scenario_id, d.planner) for d in _drives(path, data.table_path(split), rows))
     chosen = set(sorted(names, key=lambda name: seed_of(KIND, "verify", *name))[:limit])
     simulation = Simulation()
-    replayer = Replayer(simulation, SceneLoader(DataSet.in_use()))
+    replayer = Replayer(simulation, SceneLoader(data))
     try:
         # In the table's order, in which scenarios of a network follow each other.
         for drive in stream_trajectories(path):
@@ -185,13 +184,13 @@ def verify(path: Path, split: str, limit: int | None) -> int:
     return len(chosen)
 
 
-def _rows(split: str) -> dict[str, ScenarioSpec]:
-    return {row.scenario_id: row for row in DataSet.in_use().table(split)}
+def _rows(data: DataSet, split: str) -> dict[str, ScenarioSpec]:
+    return {row.scenario_id: row for row in data.table(split)}
 
 
-def _drives(path: Path, split: str, rows: Mapping[str, ScenarioSpec]) -> Iterator[Recorded]:
+def _drives(path: Path, table: Path, rows: Mapping[str, ScenarioSpec]) -> Iterator[Recorded]:
     """The drives of a table, one after the other. Raises InputError for one of a scenario that `rows` lack."""
     for drive in stream_trajectories(path):
         if drive.scenario_id not in rows:
-            raise InputError(f"{path}: scenario {drive.scenario_id} is not in {DataSet.in_use().table_path(split)}")
+            raise InputError(f"{path}: scenario {drive.scenario_id} is not in {table}")
         yield drive

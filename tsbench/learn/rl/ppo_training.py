@@ -24,6 +24,7 @@ from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
 
 import tsbench.learn.envs
 from tsbench.core.errors import SimulationError
+from tsbench.core.paths import OWN_CITY
 from tsbench.learn.checkpoint import command_line, keep_freed_memory, load_checkpoint, prepare, save_checkpoint
 from tsbench.learn.envs.reward import RewardSpec
 from tsbench.learn.learning_curve import CURVE, add_row, draw_rl
@@ -299,6 +300,7 @@ def _processes(job: Job, hyper: Hyper) -> SubprocVecEnv:
         return DaggerWrapper(
             gymnasium.make(
                 gymnasium.spec(tsbench.learn.envs.DRIVE_V0),
+                city=OWN_CITY,
                 split="train",
                 types=job.types or None,
                 observation=hyper.observation,

@@ -334,6 +334,7 @@ def _together(plains: Sequence[PlainNet]) -> PlainNet:
         edges=tuple(edge for part in parts for edge in part.edges),
         connections=(),
         roundabouts=tuple(ring for part in parts for ring in part.roundabouts),
+        data=parts[0].data,
     )
 
 

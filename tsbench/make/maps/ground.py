@@ -13,7 +13,7 @@ import shapely
 
 from tsbench.core.errors import InputError
 from tsbench.core.parquet import GROUND_FILE, GROUND_KINDS, GROUND_SCHEMA, VERSION_KEY, save_table
-from tsbench.make.city import check_extract, chosen_city, find_extract
+from tsbench.make.city import check_extract, find_extract, load_city
 from tsbench.make.maps.osm import contents_of, osm_file
 from tsbench.make.maps.utm import Floats, UtmFrame
 from tsbench.scenarios.data_set import DataSet
@@ -30,13 +30,12 @@ _AROUND_M, _SIMPLER_M, _LEAST_M2, _GRID_M = 120.0, 0.5, 12.0, 0.1
 _ATTRIBUTION = "© OpenStreetMap contributors, Open Database License 1.0 (https://opendatacommons.org/licenses/odbl/)"
 
 
-def write_ground(osm_dir: Path) -> tuple[Path, dict[str, int]]:
-    """Write the file of the city in use; returns it and how many maps have each kind.
+def write_ground(data: DataSet, osm_dir: Path) -> tuple[Path, dict[str, int]]:
+    """Write the file of a city; returns it and how many maps have each kind.
 
     Raises InputError: an extract that is missing or another than the city's, or no pool.
     """
-    data = DataSet.in_use()
-    city, path = chosen_city(), data.folder / GROUND_FILE
+    city, path = load_city(data.name), data.folder / GROUND_FILE
     used = {row.map_id for split in data.splits for row in data.table(split)}
     maps = [row for row in read_pool(data.pool_path) if row.map_id in used]
     by_source: dict[str, list[PoolRow]] = {}
@@ -45,7 +44,7 @@ def write_ground(osm_dir: Path) -> tuple[Path, dict[str, int]]:
     found: list[tuple[str, str, bytes]] = []
     for extract in city.extracts:
         rows = by_source.get(extract.name, [])
-        file = find_extract(extract.name, osm_dir)
+        file = find_extract(data, extract.name, osm_dir)
         check_extract(extract, file)
         if rows:
             found += around(rows, surfaces(file, city.frame))

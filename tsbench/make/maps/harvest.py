@@ -18,12 +18,13 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of, write_json
 from tsbench.core.parallel import CachedResult, worker_processes
 from tsbench.core.paths import cities_folder
-from tsbench.make.city import build_dir, by_preference, chosen_city, list_extracts, netconvert_file, types_file
+from tsbench.make.city import build_dir, by_preference, list_extracts, load_city, netconvert_file, types_file
 from tsbench.make.maps.crop import REGISTRY, lint_crops, plain_crop
 from tsbench.make.maps.extracts import extract_name
 from tsbench.make.maps.pieces import EdgePiece, densified, piece_line
 from tsbench.make.maps.source import SourceNetwork, kept_source, load_source
 from tsbench.make.maps.utm import UtmFrame
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow, read_pool, write_pool
 
 BATCH = 250
@@ -62,6 +63,7 @@ class HarvestResult:
 
 @dataclass(frozen=True)
 class _Batch:
+    data: DataSet
     folder: Path
     source: str
     family: str
@@ -76,11 +78,11 @@ class _Batch:
         return CachedResult(self.folder / f"lint-{self.source}-{self.family}-{stamp}.json", stamp)
 
 
-def harvest(osm_dir: Path, out: Path, report: Path, workers: int, progress: Progress) -> HarvestResult:
+def harvest(data: DataSet, osm_dir: Path, out: Path, report: Path, workers: int, progress: Progress) -> HarvestResult:
     """Harvest all extracts of a folder into the pool index `out`, and the counts into `report` (JSON)."""
-    extracts = {extract_name(path): path for path in list_extracts(osm_dir)}
-    names = by_preference(sorted(extracts))
-    folder = build_dir() / "harvest" / _key([extracts[name] for name in names])
+    extracts = {extract_name(path): path for path in list_extracts(data, osm_dir)}
+    names = by_preference(data, sorted(extracts))
+    folder = build_dir() / "harvest" / _key(data, [extracts[name] for name in names])
     with worker_processes(workers, "harvesting") as pool:
 
         def each(what: str, work: Callable[..., Any], jobs: Sequence[tuple[Any, ...]], keep: Keep) -> list[Any]:
@@ -92,44 +94,44 @@ def harvest(osm_dir: Path, out: Path, report: Path, workers: int, progress: Prog
             return results
 
         # the biggest extract is the last in the order of preference: begin with it
-        ranked = [(folder, name, names[:rank], osm_dir) for rank, name in enumerate(names)][::-1]
-        read = each("converting", _convert, [(name, osm_dir) for _, name, _, _ in ranked], None)
-        frames = {name: frame for (_, name, _, _), (frame, _) in zip(ranked, read, strict=True)}
-        _check_one_frame(frames, osm_dir)
+        ranked = [(data, folder, name, names[:rank], osm_dir) for rank, name in enumerate(names)][::-1]
+        read = each("converting", _convert, [(data, name, osm_dir) for _, _, name, _, _ in ranked], None)
+        frames = {name: frame for (_, _, name, _, _), (frame, _) in zip(ranked, read, strict=True)}
+        _check_one_frame(data, frames, osm_dir)
         counts = each(
-            "finding maps", _find, ranked, lambda _, name, *__: CachedResult(folder / f"found-{name}.json", "")
+            "finding maps", _find, ranked, lambda _, __, name, *___: CachedResult(folder / f"found-{name}.json", "")
         )
-        batches = [batch for name in names for batch in _batches(folder, name, osm_dir)]
+        batches = [batch for name in names for batch in _batches(data, folder, name, osm_dir)]
         faults = each("linting", _lint, [(batch,) for batch in batches], lambda batch: batch.kept)
-    rejected = {name: Counter(found) for (_, name, _, _), found in zip(ranked, counts, strict=True)}
+    rejected = {name: Counter(found) for (_, _, name, _, _), found in zip(ranked, counts, strict=True)}
     result = _collect({name: rejected[name] for name in names}, batches, faults)
     if not result.rows:
         raise InputError(f"{osm_dir}: no map found in {len(names)} extracts; see the reasons in {report}")
     write_pool(result.rows, out)
     write_json(report, _summary(result, extracts), indent=1, sort_keys=True)
-    notes = {name: told for (_, name, _, _), (_, told) in zip(ranked, read, strict=True)}
+    notes = {name: told for (_, _, name, _, _), (_, told) in zip(ranked, read, strict=True)}
     return replace(result, notes=tuple(f"{extracts[name]}: {one}" for name in names for one in notes[name]))
 
 
-def _key(extracts: Sequence[Path]) -> str:
+def _key(data: DataSet, extracts: Sequence[Path]) -> str:
     """A digest of extracts, configurations and this package's code: other inputs, another folder."""
-    inputs = [*extracts, cities_folder() / f"{chosen_city().name}.yaml", types_file()]
+    inputs = [*extracts, cities_folder() / f"{data.city}.yaml", types_file(data)]
     inputs += [netconvert_file(name) for name in ("extract.netccfg", "crop.netccfg")]
-    inputs += [Path(inspect.getfile(chosen_city)), *sorted(Path(__file__).parent.glob("*.py"))]
+    inputs += [Path(inspect.getfile(load_city)), *sorted(Path(__file__).parent.glob("*.py"))]
     digest = hashlib.blake2b(digest_size=8)
     for path in inputs:
         digest.update(f"{path.name} {sha256_of(path)}\n".encode())
     return digest.hexdigest()
 
 
-def _convert(name: str, osm_dir: Path) -> tuple[UtmFrame, list[str]]:
-    source = load_source(name, osm_dir)
+def _convert(data: DataSet, name: str, osm_dir: Path) -> tuple[UtmFrame, list[str]]:
+    source = load_source(data, name, osm_dir)
     return source.frame, source.notes
 
 
-def _check_one_frame(frames: dict[str, UtmFrame], osm_dir: Path) -> None:
+def _check_one_frame(data: DataSet, frames: dict[str, UtmFrame], osm_dir: Path) -> None:
     """Places are compared in metres, so all extracts of a pool are in the frame of their city."""
-    city = chosen_city()
+    city = load_city(data.name)
     other = next((name for name, found in frames.items() if found != city.frame), None)
     if other is not None:
         remedy = (
@@ -142,10 +144,10 @@ def _check_one_frame(frames: dict[str, UtmFrame], osm_dir: Path) -> None:
         )
 
 
-def _find(folder: Path, name: str, better: list[str], osm_dir: Path) -> dict[str, int]:
+def _find(data: DataSet, folder: Path, name: str, better: list[str], osm_dir: Path) -> dict[str, int]:
     """Write an extract's maps of all families that no better extract has; what was refused is counted by reason."""
-    source = kept_source(name, osm_dir)
-    coverage = Coverage([kept_source(other, osm_dir) for other in better])
+    source = kept_source(data, name, osm_dir)
+    coverage = Coverage([kept_source(data, other, osm_dir) for other in better])
     rejected: Counter[str] = Counter()
     rows = []
     for family, methods in REGISTRY.items():
@@ -163,16 +165,16 @@ def _found(folder: Path, name: str) -> Path:
     return folder / f"found-{name}.parquet"
 
 
-def _batches(folder: Path, name: str, osm_dir: Path) -> Iterator[_Batch]:
+def _batches(data: DataSet, folder: Path, name: str, osm_dir: Path) -> Iterator[_Batch]:
     rows = read_pool(_found(folder, name))
     for family in REGISTRY:
         members = [row for row in rows if row.family == family]
         for start in range(0, len(members), BATCH):
-            yield _Batch(folder, name, family, osm_dir, tuple(members[start : start + BATCH]))
+            yield _Batch(data, folder, name, family, osm_dir, tuple(members[start : start + BATCH]))
 
 
 def _lint(batch: _Batch) -> list[str]:
-    source = kept_source(batch.source, batch.osm_dir)
+    source = kept_source(batch.data, batch.source, batch.osm_dir)
     return lint_crops([(plain_crop(row, source), REGISTRY[row.family].expect(row)) for row in batch.rows])
 
 

@@ -28,15 +28,14 @@ _MARKS = {**dict.fromkeys(_ROUTES, "route"), "short": "violation", "compliant": 
 _ARROW_M = np.array([(1.6, 0.0), (-1.0, 0.9), (-1.0, -0.9)])
 
 
-def draw_maps(map_ids: Sequence[str], osm_dir: Path, png: Path) -> None:
+def draw_maps(data: DataSet, map_ids: Sequence[str], osm_dir: Path, png: Path) -> None:
     """Draw maps of the committed pool by id. Raises InputError: an unknown map, an extract that is not there."""
-    data = DataSet.in_use()
     pool = {row.map_id: row for row in read_pool(data.pool_path)}
     unknown = [name for name in map_ids if name not in pool]
     if unknown:
         raise InputError(f"{unknown[0]}: no such map in {data.pool_path}")
     rows = [pool[name] for name in map_ids]
-    sources = {name: load_source(name, osm_dir) for name in sorted({row.source for row in rows})}
+    sources = {name: load_source(data, name, osm_dir) for name in sorted({row.source for row in rows})}
     save_png(png, map_sheet([(row, sources[row.source]) for row in rows]))
 
 

@@ -21,7 +21,7 @@ from lxml import etree
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing, write_atomic
 from tsbench.core.paths import LEFT
-from tsbench.make.city import chosen_city, netconvert_file, types_file
+from tsbench.make.city import load_city, netconvert_file, types_file
 from tsbench.make.maps.osm import ExtractFacts, read_extract
 from tsbench.make.maps.plain import (
     PlainConnection,
@@ -33,6 +33,7 @@ from tsbench.make.maps.plain import (
 )
 from tsbench.make.maps.road_tags import some
 from tsbench.make.maps.utm import UtmFrame
+from tsbench.scenarios.data_set import DataSet
 
 EXTRACT_TIMEOUT_S = 900.0
 # Warnings that a tag was not taken as it is; the others are about the making of junctions, stops and restrictions.
@@ -67,14 +68,16 @@ def sumo_environment() -> dict[str, str]:
     return {**os.environ, "SUMO_HOME": str(home), "PROJ_DATA": proj, "PROJ_LIB": proj}
 
 
-def run_netconvert(folder: Path, configuration: str, arguments: Sequence[str], *, what: str, timeout_s: float) -> str:
+def run_netconvert(
+    data: DataSet, folder: Path, configuration: str, arguments: Sequence[str], *, what: str, timeout_s: float
+) -> str:
     """Run netconvert in a folder and return what it said on stderr; `what` names the input in the error line.
 
     The arguments name files by their names in the folder: netconvert splits names at commas and drops spaces, so it
     never sees a path of the user's. configuration: a file of `sumo_nets/netconvert/`, read with the city's type map.
     The binary itself is called: the wheel's console script costs 100 ms of Python start-up on top.
     """
-    for name, file in (("netccfg", netconvert_file(configuration)), ("typ.xml", types_file())):
+    for name, file in (("netccfg", netconvert_file(configuration)), ("typ.xml", types_file(data))):
         (folder / f"tsbench.{name}").symlink_to(file.resolve())
     own = ("--configuration-file", "tsbench.netccfg", "--type-files", "tsbench.typ.xml")
     try:
@@ -95,35 +98,39 @@ def run_netconvert(folder: Path, configuration: str, arguments: Sequence[str], *
     return done.stderr
 
 
-def convert_extract(extract: Path, out: Path) -> ExtractFacts:
+def convert_extract(data: DataSet, extract: Path, out: Path) -> ExtractFacts:
     """Convert an extract to the network `out` (`.net.xml` or `.net.xml.gz`), as `sumo_nets/netconvert/` says.
 
-    Where traffic keeps to the left in the city in use it does so in the network, unlike in `convert_to_plain`.
+    Where traffic keeps to the left in the city it does so in the network, unlike in `convert_to_plain`.
     """
     if not out.name.endswith((".net.xml", ".net.xml.gz")):
         raise InputError(f"{out}: the network's name must end in .net.xml or .net.xml.gz")
     with tempfile.TemporaryDirectory(prefix="tsbench-osm-") as folder:
         built = Path(folder) / ("built.net.xml.gz" if out.suffix == ".gz" else "built.net.xml")
-        side = ("--lefthand", "true") if chosen_city().side == LEFT else ()
-        facts = _convert(extract, Path(folder), ("--output-file", built.name), *side, in_mirror=False)
+        side = ("--lefthand", "true") if load_city(data.name).side == LEFT else ()
+        facts = _convert(data, extract, Path(folder), ("--output-file", built.name), *side, in_mirror=False)
         with replacing(out) as part:
             shutil.copyfile(built, part)
     return facts
 
 
-def convert_to_plain(extract: Path, folder: Path) -> ExtractFacts:
+def convert_to_plain(data: DataSet, extract: Path, folder: Path) -> ExtractFacts:
     """Convert an extract to plain XML files of a folder: `net.nod.xml`, `net.edg.xml` (and others).
 
-    Where traffic keeps to the left in the city in use, the files are of the image in a mirror.
+    Where traffic keeps to the left in the city, the files are of the image in a mirror.
     """
-    return _convert(extract, folder, ("--plain-output-prefix", "net"), in_mirror=chosen_city().frame.mirrored)
+    return _convert(
+        data, extract, folder, ("--plain-output-prefix", "net"), in_mirror=load_city(data.name).frame.mirrored
+    )
 
 
-def _convert(extract: Path, folder: Path, output: tuple[str, str], *options: str, in_mirror: bool) -> ExtractFacts:
+def _convert(
+    data: DataSet, extract: Path, folder: Path, output: tuple[str, str], *options: str, in_mirror: bool
+) -> ExtractFacts:
     facts = read_extract(extract, folder / "extract.osm", in_mirror)
     projection = UtmFrame(facts.zone).projection
     arguments = ("--osm-files", "extract.osm", "--proj", projection, *output, *options)
-    said = run_netconvert(folder, "extract.netccfg", arguments, what=str(extract), timeout_s=EXTRACT_TIMEOUT_S)
+    said = run_netconvert(data, folder, "extract.netccfg", arguments, what=str(extract), timeout_s=EXTRACT_TIMEOUT_S)
     (folder / "extract.osm").unlink()
     warnings = _kinds(said)
     of_tags = [line for line in warnings if _OF_TAGS.match(line)]
@@ -176,7 +183,7 @@ def build_net(plain: PlainNet, out: Path) -> None:
     with tempfile.TemporaryDirectory(prefix="tsbench-net-") as name:
         folder = Path(name)
         arguments = [*write_plain(plain, folder), "--output-file", "built.net.xml"]
-        run_netconvert(folder, "crop.netccfg", arguments, what=out.name, timeout_s=TIMEOUT_S)
+        run_netconvert(plain.data, folder, "crop.netccfg", arguments, what=out.name, timeout_s=TIMEOUT_S)
         data = _HEADER_COMMENT.sub(b"", (folder / "built.net.xml").read_bytes(), count=1)
     write_atomic(out, gzip.compress(data, compresslevel=9, mtime=0) if out.suffix == ".gz" else data)
 

@@ -67,6 +67,7 @@ def assemble(source: SourceNetwork, pieces: Sequence[EdgePiece], roundabouts: Se
         roundabouts=tuple(tuple(ring) for ring in roundabouts),
         origin=(round(lat, 7), round(lon, 7)),
         attributes={"source": source.name, "utm_east": f"{east:.0f}", "utm_north": f"{centre[1]:.0f}"},
+        data=source.data,
     )
 
 
@@ -135,7 +136,7 @@ def make_row(
     slot: str = "",
 ) -> PoolRow:
     """A row: `pieces` bound the crop, `main` edges give lanes, speed and class, `junctions` are node rows."""
-    extract = extract_info(source.name)
+    extract = extract_info(source.data, source.name)
     points = np.vstack([piece_line(source, piece) for piece in pieces])
     low, high = points.min(axis=0), points.max(axis=0)
     east, north = ((low + high) / 2).tolist()

@@ -21,6 +21,7 @@ from lxml import etree
 from tsbench.geometry.polyline import Polyline
 from tsbench.make.maps.extracts import opened_xml
 from tsbench.make.maps.road_tags import WIDTH_RANGE_M
+from tsbench.scenarios.data_set import DataSet
 
 Point = tuple[float, float]
 DEFAULT_WIDTH_M = 3.25
@@ -93,6 +94,7 @@ class PlainCrossing:
 @dataclass(frozen=True)
 class PlainNet:
     """The elements of one small network. `origin`: (lat, lon) of (0, 0); ids are those of the source network.
+    `data`: whose type map it is built with.
 
     `roundabouts`: the edge ids of each ring in driving order (netconvert then gives the ring right of way).
     """
@@ -104,6 +106,7 @@ class PlainNet:
     roundabouts: tuple[tuple[str, ...], ...] = ()
     origin: Point = (0.0, 0.0)
     attributes: dict[str, str] = field(default_factory=dict)
+    data: DataSet = field(default_factory=DataSet)
 
 
 def split_edge(plain: PlainNet, edge_id: str, cuts: Sequence[float]) -> tuple[PlainNet, tuple[str, ...]]:

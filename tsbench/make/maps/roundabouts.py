@@ -59,7 +59,8 @@ def find_roundabouts(source: SourceNetwork, rejected: Counter[str]) -> Iterator[
             rejected["roundabout: not one closed ring"] += 1
             continue
         fault = shape_fault(
-            np.vstack([source.line(row)[:-1] for row in ring]), coarse=not extract_info(source.name).well_tagged
+            np.vstack([source.line(row)[:-1] for row in ring]),
+            coarse=not extract_info(source.data, source.name).well_tagged,
         )
         fault = fault or _leg_fault(source, ring)
         if fault:

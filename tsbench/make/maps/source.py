@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import replacing, sha256_of
-from tsbench.make.city import build_dir, chosen_city, find_extract, netconvert_file, types_file
+from tsbench.make.city import build_dir, find_extract, load_city, netconvert_file, types_file
 from tsbench.make.maps.extracts import extract_name
 from tsbench.make.maps.netconvert import convert_to_plain
 from tsbench.make.maps.plain import (
@@ -29,6 +29,7 @@ from tsbench.make.maps.plain import (
 )
 from tsbench.make.maps.road_tags import FASTEST_MPS
 from tsbench.make.maps.utm import WIDEST_M, Floats, UtmFrame, frame_of
+from tsbench.scenarios.data_set import DataSet
 
 SCHEMA = 6
 Ints = npt.NDArray[np.int64]
@@ -44,9 +45,10 @@ class SourceNetwork:
 
     `node_xy` (n, 2); `tail`/`head` (m,) node rows; `points` (p, 2) with `first` (m + 1,) offsets per edge;
     `osm_ids` per edge; `rings`: edge ids of each roundabout; `signals` (s, 2) places of traffic signals;
-    `notes`: what of the extract was not taken as it is.
+    `notes`: what of the extract was not taken as it is; `data`: whose extract it is.
     """
 
+    data: DataSet
     name: str
     frame: UtmFrame
     node_ids: list[str]
@@ -119,32 +121,32 @@ def _group(keys: Ints, count: int) -> list[list[int]]:
 
 
 @lru_cache(maxsize=8)
-def kept_source(name: str, osm_dir: Path) -> SourceNetwork:
+def kept_source(data: DataSet, name: str, osm_dir: Path) -> SourceNetwork:
     """The network of an extract, kept in this process from task to task."""
-    return load_source(name, osm_dir)
+    return load_source(data, name, osm_dir)
 
 
-def load_source(name: str, osm_dir: Path) -> SourceNetwork:
+def load_source(data: DataSet, name: str, osm_dir: Path) -> SourceNetwork:
     """The network of an extract, from the cache if it was made from the same bytes and configuration."""
-    extract = find_extract(name, osm_dir)
-    configuration = (netconvert_file("extract.netccfg"), types_file())
+    extract = find_extract(data, name, osm_dir)
+    configuration = (netconvert_file("extract.netccfg"), types_file(data))
     key = "-".join([sha256_of(extract)[:16], *(sha256_of(part)[:8] for part in configuration)])
-    if chosen_city().frame.mirrored:
+    if load_city(data.name).frame.mirrored:
         key += "-mirrored"
     cache = build_dir() / "sources" / f"{name}-{SCHEMA}-{key}.parquet"
     if not cache.is_file():
-        _write(_convert(extract), cache)
-    return _read(cache)
+        _write(_convert(data, extract), cache)
+    return _read(data, cache)
 
 
-def _convert(extract: Path) -> SourceNetwork:
+def _convert(data: DataSet, extract: Path) -> SourceNetwork:
     with tempfile.TemporaryDirectory(prefix="tsbench-source-") as folder:
-        facts = convert_to_plain(extract, Path(folder))
+        facts = convert_to_plain(data, extract, Path(folder))
         node_file = Path(folder) / "net.nod.xml"
         nodes, used = parse_nodes(node_file), frame_of(parse_projection(node_file), str(extract))
-        frame = replace(used, mirrored=chosen_city().frame.mirrored)
+        frame = replace(used, mirrored=load_city(data.name).frame.mirrored)
         edge_file = Path(folder) / "net.edg.xml"
-        edges = [_with_its_class_speed(edge) for edge in parse_edges(edge_file, nodes)]
+        edges = [_with_its_class_speed(data, edge) for edge in parse_edges(edge_file, nodes)]
         rings = parse_roundabouts(edge_file)
     if not edges:
         raise InputError(f"{extract}: netconvert found no road for cars in it")
@@ -159,6 +161,7 @@ def _convert(extract: Path) -> SourceNetwork:
     columns |= {name: np.array([row[getattr(edge, name)] for edge in edges]) for name in _END_COLUMNS}
     columns |= {name: np.array([getattr(edge, name) for edge in edges]) for name in _NUMBER_COLUMNS}
     return SourceNetwork(
+        data=data,
         name=extract_name(extract),
         frame=frame,
         node_ids=list(nodes),
@@ -174,11 +177,11 @@ def _convert(extract: Path) -> SourceNetwork:
     )
 
 
-def _with_its_class_speed(edge: ParsedEdge) -> ParsedEdge:
+def _with_its_class_speed(data: DataSet, edge: ParsedEdge) -> ParsedEdge:
     """The edge with the limit of its class where the tagged one can be none."""
     if edge.speed <= FASTEST_MPS:
         return edge
-    usual = class_speeds(types_file()).get(f"highway.{edge.road_class}", FASTEST_MPS)
+    usual = class_speeds(types_file(data)).get(f"highway.{edge.road_class}", FASTEST_MPS)
     return replace(edge, speed=usual)
 
 
@@ -204,7 +207,7 @@ def _write(source: SourceNetwork, path: Path) -> None:
         pq.write_table(table, part, compression="zstd")
 
 
-def _read(path: Path) -> SourceNetwork:
+def _read(data: DataSet, path: Path) -> SourceNetwork:
     # Not pq.read_table, whose import of pyarrow.dataset alone takes 50 MB.
     table: Any = pq.ParquetFile(path).read().combine_chunks()
     extra = json.loads(table.schema.metadata[b"tsbench"])
@@ -212,6 +215,7 @@ def _read(path: Path) -> SourceNetwork:
     columns: dict[str, Any] = {name: table[name].to_pylist() for name in _TEXT_COLUMNS}
     columns |= {name: np.asarray(table[name].to_numpy()) for name in _EDGE_COLUMNS}
     return SourceNetwork(
+        data=data,
         name=extra["name"],
         frame=UtmFrame(*extra["frame"]),
         node_ids=extra["nodes"],

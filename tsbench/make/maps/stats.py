@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tsbench.core.files import io_errors_as_input_errors, replacing
-from tsbench.make.city import by_preference, chosen_city, extract_info
+from tsbench.make.city import by_preference, extract_info, load_city
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import FAMILIES, SLOTS, PoolRow
 
 # drawn in this order: the many first
@@ -27,12 +28,12 @@ class CountTable:
     rows: tuple[tuple[str, tuple[int, ...]], ...]
 
 
-def count_tables(pool: Sequence[PoolRow]) -> list[CountTable]:
-    sources = [extract_info(name).code for name in by_preference(sorted({row.source for row in pool}))]
+def count_tables(data: DataSet, pool: Sequence[PoolRow]) -> list[CountTable]:
+    code_of = {name: extract_info(data, name).code for name in by_preference(data, sorted({r.source for r in pool}))}
     corridors = [row for row in pool if row.family == "corridor"]
     dual = [row for row in pool if row.family == "dual_path"]
     return [
-        _table("Maps by family and shape", pool, _kind, sources, _code),
+        _table("Maps by family and shape", pool, _kind, list(code_of.values()), lambda row: code_of[row.source]),
         _table("Dual paths by slot", dual, lambda row: row.slot, ["T", "X"], lambda row: row.shape, SLOTS),
         _table("Dual paths by slot, well tagged", dual, lambda row: row.slot, ["yes", "no"], _tagged, SLOTS),
         _table("Corridors by shape, direction and lanes", corridors, _corridor_kind, ["1", "2", "3+"], _bucket),
@@ -55,10 +56,6 @@ def _kind(row: PoolRow) -> str:
 
 def _corridor_kind(row: PoolRow) -> str:
     return f"{row.shape}, {'one-way' if row.oneway else 'two-way'}"
-
-
-def _code(row: PoolRow) -> str:
-    return extract_info(row.source).code
 
 
 def _tagged(row: PoolRow) -> str:
@@ -94,13 +91,13 @@ def _table(
     return CountTable(title, (*columns, "sum"), tuple((key, (*values, sum(values))) for key, values in rows))
 
 
-def draw_pool(pool: Sequence[PoolRow], png: Path) -> None:
+def draw_pool(data: DataSet, pool: Sequence[PoolRow], png: Path) -> None:
     """A map of the pool: one dot per crop, coloured by family; kilometres in the city's frame."""
     from matplotlib.figure import Figure  # counts need no picture
 
     figure = Figure(figsize=(11, 11), layout="constrained")
     axis = figure.add_subplot()
-    frame = chosen_city().frame
+    frame = load_city(data.name).frame
     for family, colour in COLOURS.items():
         members = [row for row in pool if row.family == family]
         east, north = ([frame.true_east(row.east) / 1000 for row in members], [row.north / 1000 for row in members])

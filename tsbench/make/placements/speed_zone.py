@@ -85,7 +85,7 @@ class SpeedZonePlacement(ScenePlacement):
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The zone on edges of its own, on a road whose traffic drives as its class lets a driver expect."""
         require(not row.oneway, "no other direction, where the other half's plates face")
-        expected = class_speeds(types_file()).get(f"highway.{row.road_class}", math.nan)
+        expected = class_speeds(types_file(plain.data)).get(f"highway.{row.road_class}", math.nan)
         require(abs(row.speed_mps - expected) < KMH, f"{row.speed_mps / KMH:.0f} km/h is no limit of its class")
         return split_edge(plain, row.fields["edge"], self._cuts(row, recipe))[0]
 

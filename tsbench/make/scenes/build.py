@@ -24,13 +24,13 @@ from tsbench.core.files import write_json
 from tsbench.core.parallel import CachedResult, Workers, worker_processes
 from tsbench.core.paths import OWN_CITY
 from tsbench.core.provenance import closure, digest, versions
-from tsbench.make.city import chosen_city, made_pool
+from tsbench.make.city import load_city, made_pool
 from tsbench.make.maps.ground import write_ground
 from tsbench.make.maps.harvest import harvest
 from tsbench.make.maps.source import kept_source
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.scenes.map_scenarios import MapScenarios, Prover, SiteBuilder
-from tsbench.make.scenes.overview import build_report, carried
+from tsbench.make.scenes.overview import build_report, carried, report_file
 from tsbench.make.scenes.recipe import Recipe, load_recipes, stratum_of
 from tsbench.make.scenes.split import split_pool, with_places
 from tsbench.make.seeds import seed_of
@@ -55,12 +55,13 @@ _LEFT_OUT = ("tsbench/make/placements/by_name.py", "tsbench/scenarios/certificat
 
 @dataclass(frozen=True)
 class BuildRequest:
-    """What to build of the city in use. types: () = all with a recipe. osm: folder of extracts. root: `scenarios/`.
+    """What to build of a city's data set. types: () = all with a recipe. osm: folder of extracts. root: `scenarios/`.
 
     certifier: "module:Class" of what drives rows to prove them, "" = nobody; by name, as it stands above this layer and
     is made in each worker process. splits: which tables.
     """
 
+    data: DataSet
     types: tuple[str, ...]
     osm: Path
     root: Path
@@ -103,7 +104,7 @@ def _tools(root: Path, certifier: str) -> tuple[Simulation, Prover | None]:
 def _build_one(recipe: Recipe, row: PoolRow, split: str, request: BuildRequest) -> dict[str, Any]:
     """In a worker process: the scenarios of one map, as plain data."""
     sim, certifier = _tools(request.workplace, request.certifier)
-    source = kept_source(row.source, request.osm)
+    source = kept_source(request.data, row.source, request.osm)
     return asdict(SiteBuilder(recipe, request.workplace, sim, certifier).build(row, source, split))
 
 
@@ -124,7 +125,7 @@ class TypeBuilder:
 
     def __init__(self, request: BuildRequest, recipe: Recipe, pool: Workers, split_of: dict[str, str]) -> None:
         self.request, self.recipe, self.pool, self.split_of = request, recipe, pool, split_of
-        city = chosen_city()
+        city = load_city(request.data.name)
         self.maps, self.withdrawn = city.maps, city.withdrawn
         placement = Path(inspect.getfile(type(placement_of(recipe))))
         self.key = f"{_maker_fingerprint(placement)}|{recipe}"
@@ -230,9 +231,9 @@ def build_scenarios(request: BuildRequest, progress: Progress) -> list[TypeRepor
     Raises InputError where the pool or the extracts are missing. A type for which the pool has too few maps is kept as
     far as it goes, and its report says what is short.
     """
-    data = DataSet.in_use()
+    data = request.data
     rows = read_pool(data.pool_path)
-    city = chosen_city()
+    city = load_city(data.name)
     split_of = split_pool(rows, city.split)
     recipes = load_recipes(data.catalog, request.types)
     reports: list[TypeReport] = []
@@ -275,36 +276,38 @@ def _write_report(root: Path, report: TypeReport) -> None:
 
 
 def build_city(
+    data: DataSet,
     types: tuple[str, ...],
     osm: Path,
     workers: int,
     progress: Progress,
     on_progress: Callable[[str], None] = lambda _: None,
 ) -> list[TypeReport]:
-    """Build the data set of the city in use, of some types or () = all. Interrupted, it goes on where it was.
+    """Build the data set of a city, of some types or () = all. Interrupted, it goes on where it was.
 
     on_progress: gets a line for each thing in the extracts that was not taken as it is.
 
     Raises InputError: an extract that is missing or another than the city's, or lies in another zone; no scenario.
     """
-    city = chosen_city()
+    city = load_city(data.name)
     if city.name == OWN_CITY:
         raise InputError(
             f"{city.name} is the benchmark's own: tsbench maps harvest and tsbench scenarios build make its data set"
         )
-    pool = made_pool()
-    for note in harvest(osm, pool, pool.with_name("harvest.json"), workers, progress).notes:
+    pool = made_pool(data)
+    for note in harvest(data, osm, pool, pool.with_name("harvest.json"), workers, progress).notes:
         on_progress(note)
-    reports = build_scenarios(BuildRequest(types, osm, DataSet.in_use().folder / "scenarios", workers), progress)
-    if not any(DataSet.in_use().table(split) for split in DataSet.in_use().splits):
+    reports = build_scenarios(BuildRequest(data, types, osm, data.folder / "scenarios", workers), progress)
+    if not any(data.table(split) for split in data.splits):
         why = dict.fromkeys(
-            c.why for c in carried(city, read_pool(pool), load_recipes(DataSet.in_use().catalog, types), build_report())
+            c.why
+            for c in carried(city, read_pool(pool), load_recipes(data.catalog, types), build_report(report_file(data)))
         )
         raise InputError(
             f"{city.name}: its {len(read_pool(pool)):,} maps carry no scenario: {next(iter(why))}"
             f"{f', and {len(why) - 1} more reasons' if len(why) > 1 else ''} (tsbench city show {city.name})"
         )
-    DataSet.in_use().write_editions(dict.fromkeys(DataSet.in_use().splits, editions()[-1].name))
-    release_city(DataSet.in_use(), city.title)
-    write_ground(osm)
+    data.write_editions(dict.fromkeys(data.splits, editions()[-1].name))
+    release_city(data, city.title)
+    write_ground(data, osm)
     return reports

@@ -48,13 +48,12 @@ class TypeStats:
     seen: float
 
 
-def report_file(root: Path | None = None) -> Path:
-    return DataSet.in_use().file("scenarios/build_report.json") if root is None else root / "build_report.json"
+def report_file(data: DataSet) -> Path:
+    return data.file("scenarios/build_report.json")
 
 
-def build_report(root: Path | None = None) -> list[dict[str, Any]]:
+def build_report(path: Path) -> list[dict[str, Any]]:
     """What the last build of each type and split wrote down (build.TypeReport). Raises InputError."""
-    path = report_file(root)
     if not path.exists():
         raise InputError(f"{path}: no build report (tsbench scenarios build makes it)")
     report: list[dict[str, Any]] = read_json(path, "build report")
@@ -65,9 +64,8 @@ def build_report(root: Path | None = None) -> list[dict[str, Any]]:
     return report
 
 
-def type_stats(specs: Sequence[ScenarioSpec]) -> list[TypeStats]:
+def type_stats(data: DataSet, specs: Sequence[ScenarioSpec]) -> list[TypeStats]:
     """One entry per type and split, in alphabetical order. A row without a certificate proves nothing."""
-    data = DataSet.in_use()
     pool = {r.map_id: r for r in read_pool(data.pool_path)}
     known = {c.scenario_id: c for c in certificates_of(data)}
     groups: dict[tuple[str, str], list[ScenarioSpec]] = defaultdict(list)

@@ -6,7 +6,7 @@ Files are Markdown, a LaTeX float, CSV, and PNG and SVG where there is a figure.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -113,7 +113,7 @@ class Analysis:
 
     contract: the hash that every score in it stands under; "" for a table without scores. draw: makes the figure; None
     where it is a table only. stacked: makes it with its panels one below the other, narrow enough for a telephone; None
-    where it is narrow as it is.
+    where it is narrow as it is. data: what it is of.
     """
 
     name: str
@@ -123,10 +123,11 @@ class Analysis:
     notes: tuple[str, ...]
     draw: Callable[[], Figure] | None = None
     stacked: Callable[[], Figure] | None = None
+    data: DataSet = field(default_factory=DataSet)
 
     @property
     def contract_line(self) -> str:
-        return contract_line(self.contract, DataSet.in_use()) if self.contract else ""
+        return contract_line(self.contract, self.data) if self.contract else ""
 
 
 DASH = "–"

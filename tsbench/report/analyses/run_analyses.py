@@ -38,6 +38,7 @@ from tsbench.report.analyses.columns import (
     with_rings,
 )
 from tsbench.report.analyses.run_pool import RunPool, read_pool
+from tsbench.run.log.read import read_run
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -272,6 +273,5 @@ _OF_RUNS = {"ablation": _later("paired_runs", "ablation"), "perception": _later(
 
 def analyse_runs(name: str, paths: Sequence[Path], allow_partial: bool) -> Analysis:
     """The analysis `name` of stored runs. Raises InputError for runs that cannot be analysed together."""
-    if name in _OF_RUNS:
-        return _OF_RUNS[name](paths, allow_partial)
-    return OF_POOL[name](read_pool(paths, allow_partial))
+    made = _OF_RUNS[name](paths, allow_partial) if name in _OF_RUNS else OF_POOL[name](read_pool(paths, allow_partial))
+    return replace(made, data=read_run(paths[0]).data)

@@ -30,7 +30,7 @@ from tsbench.report.wording import episode_subtitle, episode_title
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.planner_map import build_planner_map
 from tsbench.rules.monitor import Violation
-from tsbench.signs.countries import Country
+from tsbench.signs.countries import Artwork, Country
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S
 
@@ -103,7 +103,7 @@ class BirdsEye:
         country: Country | None = None, named: bool = True, under_way: bool = False,
     ) -> None:  # fmt: skip
         self._under_way = under_way
-        self.trace, self.scene, self.size, self._country = trace, scene, size, country
+        self.trace, self.scene, self.size = trace, scene, size
         view = build_planner_map(scene.network)
         self._views, self._traffic_view = trace.routes(view, scene), TrafficView(scene.network, view)
         others = (*trace.snapshots[-1].actors.table.ids, *(o.id for o in scene.obstacles))
@@ -116,7 +116,7 @@ class BirdsEye:
         camera = self._ground_camera
         self.ground: Image = np.full((camera.height, camera.width, 3), STYLE.ground, dtype=np.uint8)
         shapes = (
-            *ground_shapes(trace.spec.map_id),
+            *ground_shapes(scene, trace.spec.map_id),
             *road_shapes(scene.network, scene),
             *furniture_shapes(scene, country),
         )
@@ -124,7 +124,7 @@ class BirdsEye:
         self._obstacles = obstacle_bodies(scene)
         self._windows = self._make_windows()
         self._last = max(trace.snapshots[-1].time, 1e-9)
-        self._hud = self._make_hud()
+        self._hud = self._make_hud(scene.artwork(country))
         self._strip = Strip(trace, size.width, size.strip_px) if size.strip_px else None
         self._paths: dict[int, tuple[RoutePath, Array, Fixed]] = {}
         self._nearness: dict[Violation, str] = {}
@@ -141,14 +141,14 @@ class BirdsEye:
         top = float(high[1]) + (size.view_height / 2 + _EDGE_PX) / scale
         return Camera(left, top, scale, width, height)
 
-    def _make_hud(self) -> Hud:
+    def _make_hud(self, artwork: Artwork) -> Hud:
         trace = self.trace
         shares = [v.start_s / self._last for v in trace.events]
-        parts = episode_subtitle(trace, self._country).split(" · ")
+        parts = episode_subtitle(trace, artwork).split(" · ")
         # A narrow page has room for the scenario and its sign.
         subtitle = " · ".join(parts[:2] if self.size.compact else parts)
         sign, kinds = self.scene.target_sign, self._kinds()
-        return Hud(self.size, episode_title(trace), subtitle, sign, shares, kinds, self._country)
+        return Hud(self.size, episode_title(trace), subtitle, sign, artwork, shares, kinds)
 
     def _kinds(self) -> frozenset[str]:
         """What there is to be seen, for the legend."""

@@ -15,7 +15,7 @@ import numpy.typing as npt
 import shapely
 
 from tsbench.geometry.polyline import Array, Polyline
-from tsbench.signs.countries import Country
+from tsbench.signs.countries import Artwork
 
 Colour = tuple[int, int, int]
 
@@ -189,7 +189,7 @@ class DrawnPlate:
     """A traffic sign at its post. heading: of the traffic that it faces.
 
     away: unit vector in the picture (rows grow downwards) that leads off the road; clear: distance to the kerb.
-    country: as `plate_rgba` has it. below: name of the main road's shape beneath it (`MainRoad.key`), "" = none.
+    artwork: how it looks. below: name of the main road's shape beneath it (`MainRoad.key`), "" = none.
     """
 
     name: str
@@ -202,7 +202,7 @@ class DrawnPlate:
     away: Array
     clear: float
     target: bool
-    country: Country | None = None
+    artwork: Artwork
     below: str = ""
 
 

@@ -13,7 +13,7 @@ from tsbench.report.drawing.paint import fitted, label, line_height, paste, stam
 from tsbench.report.wording import readable, unit_words
 from tsbench.rules.monitor import Violation
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.countries import Country
+from tsbench.signs.countries import Artwork
 from tsbench.signs.plates import plate_rgba
 
 _BAR_PX = 5
@@ -57,14 +57,12 @@ class FrameInfo:
     near: str = ""
 
 
-def header(
-    size: PageSize, title: str, subtitle: str, sign: SignInstance, spare_px: int = 0, country: Country | None = None
-) -> Image:
-    """A picture's head: plate (a country's), title and what is below it. spare_px: kept free at the right."""
+def header(size: PageSize, title: str, subtitle: str, sign: SignInstance, artwork: Artwork, spare_px: int = 0) -> Image:
+    """A picture's head: plate, title and what is below it. spare_px: kept free at the right."""
     height, pad = size.header_px, _PAD_PX
     image = np.full((height, size.width, 3), STYLE.panel, dtype=np.uint8)
     side = height - 12
-    plate = plate_rgba(sign.code, sign.value, side, country)
+    plate = plate_rgba(artwork, sign.code, sign.value, side)
     paste(image, pad, 6, plate[..., :3], plate[..., 3])
     x = pad + side + pad
     room = size.width - x - pad - (0 if size.compact else spare_px + pad)
@@ -85,15 +83,15 @@ class Hud:
         title: str,
         subtitle: str,
         sign: SignInstance,
+        artwork: Artwork,
         events: list[float],
         kinds: Collection[str] = (),
-        country: Country | None = None,
     ) -> None:
         """events: moments of violations as shares (0-1) of the episode. kinds: of bodies to be seen (`Body.kind`)."""
         self._size, self._width = size, size.width
         self._legend = [(name, text) for name, text in LEGEND.items() if name in _ALWAYS or name in kinds]
         self._events = events
-        self._header = header(size, title, subtitle, sign, _CLOCK_PX, country)
+        self._header = header(size, title, subtitle, sign, artwork, _CLOCK_PX)
         self._footers: dict[tuple[Violation | None, str, str], Image] = {}
 
     def header(self, page: Image, moment: FrameInfo) -> None:

@@ -291,14 +291,13 @@ def _arrow(lane: Lane, front: float, turns: set[str]) -> Iterator[Area | Line]:
 _MIRROR = np.array((-1.0, 1.0))
 
 
-def ground_shapes(map_id: str) -> tuple[Area, ...]:
-    """Of a map of the data set in use, lowest first; () where nothing is known. Raises InputError: a broken file."""
-    data = DataSet.in_use()
-    path = data.file(GROUND_FILE)
+def ground_shapes(scene: Scene, map_id: str) -> tuple[Area, ...]:
+    """Of a scene's map, lowest first; () where nothing is known. Raises InputError: a broken file."""
+    path = DataSet(scene.city).file(GROUND_FILE)
     if not path.is_file():
         return ()
     shapes = _ground_of_maps(path).get(map_id, ())
-    if not data.mirrored:
+    if scene.catalog.image is None:
         return shapes
     return tuple(Area(one.colour, shapely.transform(one.polygon, lambda points: points * _MIRROR)) for one in shapes)
 

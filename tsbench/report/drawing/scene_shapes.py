@@ -306,7 +306,7 @@ def way_shapes(scene: Scene, graph: LaneGraph) -> Iterator[Line]:
 def furniture_shapes(scene: Scene, country: Country | None = None) -> Iterator[Shape]:
     """What plates have painted, destination, the line at which the target begins to bind, obstacles and plates.
 
-    country: whose plates, as `plate_rgba` has it.
+    country: whose plates a user asks for.
     """
     yield from mark_shapes(scene.network, scene)
     ground, middle = destination_place(scene)
@@ -316,12 +316,12 @@ def furniture_shapes(scene: Scene, country: Country | None = None) -> Iterator[S
     for dash in dashes(plate_line(scene), 0.7, 0.5):
         yield Line("plate_line", dash, 0.25)
     yield from obstacle_bodies(scene)
-    turning = main_roads(scene.network, scene.signs)
+    turning, artwork = main_roads(scene.network, scene.signs), scene.artwork(country)
     for sign in sorted(scene.signs, key=lambda s: s.id != scene.target):
         away, clear = way_off(scene.network, sign)
         yield DrawnPlate(
             name=sign.id, role=sign.role, code=sign.code, value=sign.value, x=sign.x, y=sign.y, heading=sign.heading,
-            away=away, clear=clear, target=sign.id == scene.target, country=country,
+            away=away, clear=clear, target=sign.id == scene.target, artwork=artwork,
             below=turning[sign.id].key if sign.id in turning else "",
         )  # fmt: skip
 

@@ -30,6 +30,7 @@ from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec, other_halves
 from tsbench.signs.annotations import DISTRACTOR
+from tsbench.signs.countries import Artwork
 from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M
@@ -77,7 +78,7 @@ class EpisodePacker:
         points = np.array([*track[:, :2], *((s.x, s.y) for s in scene.signs if s.role not in ("context", DISTRACTOR))])
         furnished = drawing(scene_shapes(scene, roads.graph))
         header = {
-            **_about(trace),
+            **_about(trace, scene.artwork()),
             "otherwise": self._otherwise(trace, scene),
             "told": _told(trace, scene),
             "named": named_from(
@@ -96,7 +97,7 @@ class EpisodePacker:
             arrays["ego_conflict"] = deltas(np.rint(conflict / _UNIT_S), np.zeros(1, dtype=np.int64))
         net = trace.spec.net_sha256
         if net not in self._roads:
-            shapes = (*ground_shapes(trace.spec.map_id), *road_shapes(scene.network, scene))
+            shapes = (*ground_shapes(scene, trace.spec.map_id), *road_shapes(scene.network, scene))
             self._roads[net] = pack({"drawing": drawing(shapes)})
         return Packed(pack({**header, **parts}, arrays), net, self._roads[net], plate_keys(furnished))
 
@@ -114,12 +115,12 @@ class EpisodePacker:
         return under_other_sign(scene, self._loader.load(other)[0], trace.snapshots)
 
 
-def pack_plate(key: str) -> bytes:
+def pack_plate(artwork: Artwork, key: str) -> bytes:
     """A plate's picture. Raises InputError or ValueError for a key that names none."""
-    return pack({"svg": plate_of(key)})
+    return pack({"svg": plate_of(artwork, key)})
 
 
-def _about(trace: Trace) -> dict[str, Any]:
+def _about(trace: Trace, artwork: Artwork) -> dict[str, Any]:
     spec = trace.spec
     verdicts = ((replace(trace.target, violations=tuple(trace.events)), True), *((v, False) for v in trace.others))
     events = [
@@ -132,7 +133,7 @@ def _about(trace: Trace) -> dict[str, Any]:
         "scenario": spec.scenario_id,
         "half": spec.half,
         "title": episode_title(trace),
-        "subtitle": episode_subtitle(trace),
+        "subtitle": episode_subtitle(trace, artwork),
         "plate": plate_key(spec.sign_code, spec.sign_value),
         "outcome": str(trace.outcome),
     }

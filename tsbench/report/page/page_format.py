@@ -33,6 +33,7 @@ import tsbench
 from tsbench.geometry.polyline import Array
 from tsbench.report.drawing.canvas import ATTRIBUTION, STYLE, Area, Body, DrawnPlate, Line, Shape, cone_places
 from tsbench.report.drawing.road_shapes import main_road_svg
+from tsbench.signs.countries import Artwork
 from tsbench.signs.plates import plate_svg
 from tsbench.sim import main_road
 
@@ -227,12 +228,12 @@ def plate_keys(drawing: dict[str, Any]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(key for key in keys if key))
 
 
-def plate_of(key: str) -> str:
+def plate_of(artwork: Artwork, key: str) -> str:
     """A plate's picture as SVG. Raises InputError or ValueError for a key that names none."""
     code, bar, value = key.partition("|")
     if code == main_road.CODE:
         return main_road_svg(key)
-    return plate_svg(code, float(value) if bar else None)
+    return plate_svg(artwork, code, float(value) if bar else None)
 
 
 def _flat(points: Array) -> list[int]:

@@ -28,6 +28,7 @@ from tsbench.report.page.page_format import render_page
 from tsbench.report.page.report_sections import about, episodes_table, heading, sections
 from tsbench.run.log.read import StoredRun
 from tsbench.scenarios.data_set import DataSet
+from tsbench.signs.countries import Artwork
 
 # Fewer are packed sooner than processes have started.
 _FEW = 64
@@ -44,14 +45,14 @@ class Embedded:
     notes: list[str] = field(default_factory=list)
     size: int = 0
 
-    def take(self, row: int, packed: Packed, room: int) -> bool:
+    def take(self, row: int, packed: Packed, artwork: Artwork, room: int) -> bool:
         """Put one episode in, with its roads and plates where they are not there yet; False where there is no room."""
         blobs = {f"episode/{row}": packed.episode}
         if (name := f"roads/{packed.net}") not in self.blobs:
             blobs[name] = packed.roads
         for key in packed.plates:
             if (name := f"plate/{key}") not in self.blobs:
-                blobs[name] = pack_plate(key)
+                blobs[name] = pack_plate(artwork, key)
         size = sum(_WRAP + len(name) + 4 * ((len(b) + 2) // 3) for name, b in blobs.items())
         if self.size + size > room:
             return False
@@ -66,14 +67,14 @@ def embed(index: EpisodeIndex, room: int, workers: int, progress: Callable[[int,
 
     progress(done, of): is told now and then.
     """
-    chosen, broken = Embedded(), list[str]()
+    chosen, broken, artwork = Embedded(), list[str](), index.data.artwork()
     order = by_interest(index)
     left_out = 0
     for k, (row, packed) in enumerate(_packed(index, order, workers)):
         if isinstance(packed, str):
             broken.append(packed)
             continue
-        if not chosen.take(row, packed, room):
+        if not chosen.take(row, packed, artwork, room):
             left_out = len(order) - k
             break
         progress(k + 1, len(order))

@@ -225,4 +225,4 @@ def comparison(pool: RunPool) -> Analysis | None:
         "scenario: tsbench compare",
     )
     title = pool.title(f"Compared with {first}")
-    return Analysis("comparison", title, pool.contract, Table(columns, tuple(rows), 4), notes)
+    return Analysis("comparison", title, pool.contract, Table(columns, tuple(rows), 4), notes, data=pool.runs[0].data)

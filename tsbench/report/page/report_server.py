@@ -90,7 +90,7 @@ class Library:
                 return self._episode(run, name)
             if kind == "plate":
                 try:
-                    return pack_plate(name)
+                    return pack_plate(run.index.data.artwork(), name)
                 except ValueError as problem:
                     raise NotThere(f"plate {name}: {problem}") from None
             if name not in run.roads:
