@@ -176,10 +176,9 @@ def _wrapped(text: str, most: int | None = None) -> list[str]:
     """Lines of a terminal, names whole; what is more than `most` is left out."""
     if most == 0:
         return []
-    return textwrap.wrap(
-        text, _WIDTH, subsequent_indent="    ", max_lines=most, placeholder=" …", break_on_hyphens=False,
-        break_long_words=False,
-    )  # fmt: skip
+    whole = textwrap.TextWrapper(_WIDTH, subsequent_indent="    ", break_on_hyphens=False, break_long_words=False)
+    whole.max_lines, whole.placeholder = most, " …"
+    return whole.wrap(text)
 
 
 def listing(run: StoredRun, failures: Sequence[Failure], by: str) -> Iterator[str]:
