@@ -198,10 +198,7 @@ def scene_columns() -> list[tuple[str, str, str, str]]:
             "on_route": ("yes", "its road is on the navigation's way"),
             **{name: ("1", ("cosine " if "cos" in name else "sine ") + _ANGLE) for name in MAIN_ROAD},
             **dict.fromkeys(OUTLINES, ("yes", "its outline")),
-            "code": (
-                "yes",
-                "a column for each sign of the catalogue, sorted by code, and one for a code that is not told",
-            ),
+            "code": ("yes", "a column for each sign, sorted by code, and one for a code that is not told"),
         },
         "lanes": {
             **{f"{name}_{k + 1}": (_M, "of a point of the piece") for k in range(POINTS) for name in ROUTE_COLUMNS},
