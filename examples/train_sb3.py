@@ -19,6 +19,7 @@ import torch
 from matplotlib.figure import Figure
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import SubprocVecEnv
 
 import tsbench.learn.envs
@@ -158,6 +159,7 @@ def main() -> None:
         seed=given.seed,
         device="cpu",
     )
+    model.set_logger(Logger(folder=None, output_formats=[]))  # its own makes an empty folder in /tmp
     with torch.no_grad():
         model.policy.log_std.copy_(torch.tensor(WIDTHS[given.group]))
     if kept.exists():

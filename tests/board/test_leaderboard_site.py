@@ -21,6 +21,7 @@ from tsbench.board.verification import Mismatch, Verification, draw
 from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.episode.perception_level import load_level
+from tsbench.metrics.scd_records import PAIRED
 from tsbench.run.edition import contract_now
 from tsbench.scenarios.data_set import DataSet
 
@@ -97,6 +98,37 @@ def test_floors_stand_apart(honest: Make, tmp_path: Path) -> None:
     assert "paired SCD by planner, exact perception: " in page
     assert "Ground" in floors
     assert "Ground" not in rows.split("<tbody>")[1]
+
+
+def test_seeds_of_one_planner_stand_as_mean_and_spread_above_their_rows(honest: Make, tmp_path: Path) -> None:
+    base, out = tmp_path / "all", tmp_path / "site"
+
+    def named(planner: str, name: str, **changes: object) -> Submission:
+        made = honest(planner, title=name, **changes)
+        return replace(made, planner=replace(made.planner, name=name))
+
+    put(base, "0.json", named("idm", "mine"))
+    put(base, "1.json", named("idm-e", "mine-seed1"))
+    # Of others: by name alone it is no seed of theirs.
+    put(base, "2.json", named("idm", "mine-seed2", authors="B. Other"))
+    put(base, "3.json", named("idm", "other-seed3"))
+    page = build(base, out)
+    assert order(page) == ["mine-seed1", "mine", "mine-seed2", "other-seed3"]
+    (seeds,) = re.findall(r'<tbody class="seeds">(.*?)</tbody>', page, re.S)
+    assert re.findall(r'<th scope="row">(\S+) <span class="flag">(\d) seeds', seeds) == [("mine", "2")]
+    scd = [{(f.figure, f.over): f.value for f in honest(p).figures}[PAIRED, "all"] for p in ("idm", "idm-e")]
+    low, high = (value or 0.0 for value in scd)
+    assert low < high
+    first = re.search(r'data-value="([0-9.]+)">([0-9.]+)<small>± ([0-9.]+)</small>', seeds)
+    assert first is not None
+    assert float(first[1]) == pytest.approx((low + high) / 2)
+    assert float(first[3]) == pytest.approx(abs(high - low) / 2**0.5, abs=0.05)
+    for anchor in re.findall(r'href="#(s-[0-9a-f]{8})"', seeds):
+        assert f'id="{anchor}"' in page
+    # A refuted seed is none.
+    bad = record(named("idm-e", "mine-seed1").sha256, verifier="b", equal=1, differences=(Mismatch(TWO[1], "other"),))
+    (base / "bad.json").write_text(bad.to_json())
+    assert '<tbody class="seeds">' not in build(base, out)
 
 
 def test_the_code_of_a_row_is_a_link_where_it_may_be_and_titles_are_no_markup(honest: Make, tmp_path: Path) -> None:

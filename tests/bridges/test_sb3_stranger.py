@@ -36,9 +36,9 @@ train_sb3.main()
 
 
 def said(command: tuple[str, ...], folder: Path) -> str:
-    done = subprocess.run(
-        command, cwd=folder, env=CALM, capture_output=True, text=True, timeout=PATIENCE_S, check=False
-    )
+    # Stable-Baselines3's logger makes its folder there, and not in /tmp.
+    env = {**CALM, "SB3_LOGDIR": str(folder / "sb3")}
+    done = subprocess.run(command, cwd=folder, env=env, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -90,6 +90,7 @@ def test_the_example_goes_on_after_it_was_killed(tmp_path: Path) -> None:
     assert steps()[-1] == before[-1] + SHORT
     assert steps() == sorted(steps())
     assert (tmp_path / "out" / "curve.png").is_file()
+    assert not (tmp_path / "sb3").exists()
     told = said((*TSBENCH, "planners", "from-sb3", "out/model.zip"), tmp_path)
     assert "sees plates, acts by cruise, a decision each 3 ticks" in told
     drives_three_pairs(told.splitlines()[-1], tmp_path)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import shutil
+import tomllib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -34,9 +36,21 @@ def test_packages_that_lack_or_are_too_new() -> None:
     first, extra = judge_packages(ASKED, (), there)
     assert (first.status, first.text) == (Status.FAILED, "not as required: pyarrow 24.0 (<24,>=23)")
     assert first.remedy == REPAIR
-    assert (extra.status, extra.text) == (Status.NOTE, "extra learn: lacks torch (not there)")
+    assert extra.status is Status.NOTE
+    assert extra.text == "extra learn (for train, the Gymnasium environments): lacks torch (not there)"
     (lacking, _) = judge_packages(ASKED, (), {"pyarrow": "23.1"})
     assert lacking.text == "not as required: numpy (not there)"
+
+
+def test_an_installation_lists_the_extras_of_the_page_and_a_clone_all() -> None:
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    asked = [f'{name}; extra == "{name}"' for name in declared]
+    users, developers = ([d.text for d in judge_packages(asked, pins, {})][1:] for pins in ((), ("numpy==2.0",)))
+    page = (ROOT / "docs/install.md").read_text(encoding="utf-8").partition("## Extras")[2].partition("## More")[0]
+    assert [text.split()[1] for text in users] == sorted(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))
+    assert [text.split()[1] for text in developers] == sorted(declared)
+    assert set(developers) >= set(users)
+    assert "extra dev (for developers): lacks dev (not there)" in developers
 
 
 def test_other_versions_than_the_pinned_are_a_note() -> None:

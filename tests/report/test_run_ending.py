@@ -49,13 +49,30 @@ def test_causes_are_counted_and_shown(run: StoredRun) -> None:
     assert list(examples(run)) == [
         "idm: 5 of 6 episodes failed: 2 entered_while_blocked, 1 timeout, 1 off_road, 1",
         "    collision",
-        f"  entered_while_blocked  tsbench render '{run.path}' idm/yield-m1-v0",
-        f"  timeout  tsbench render '{run.path}' idm/speed_limit-m0-v0",
-        f"  off_road  tsbench render '{run.path}' idm/speed_limit-m1-v0",
-        f"  collision  tsbench render '{run.path}' idm/speed_limit-m2-v0",
+        "  entered_while_blocked  idm/yield-m1-v0",
+        "  timeout  idm/speed_limit-m0-v0",
+        "  off_road  idm/speed_limit-m1-v0",
+        "  collision  idm/speed_limit-m2-v0",
         "mine: 1 of 6 episodes failed: 1 error",
         "  error  yield-m0-v0: ZeroDivisionError: division by zero",
     ]
+
+
+@pytest.mark.parametrize(("planners", "most"), [(1, 12), (4, 20), (10, 20), (20, 20), (21, 21)])
+def test_failures_of_any_number_of_planners_fit_a_screen(tmp_path: Path, planners: int, most: int) -> None:
+    causes = ("entered_while_blocked", "did_not_yield", "over_limit", "no_full_stop", "wrong_way", "entered")
+    names = [f"planner{k}.py:{'Mine' * 4}" for k in range(planners)]
+    rows = []
+    for name in names:
+        rows += [episode(name, 0, k, 0, **lost(cause)) for k, cause in enumerate(causes)]
+        rows += [episode(name, 1, k, 0, **failed(f"ValueError: {'too long ' * 40}")) for k in range(2)]
+    lines = list(examples(read_run(make_run(tmp_path / "r", rows))))
+    assert len(lines) <= most
+    assert max(map(len, lines)) <= 80
+    heads = [line for line in lines if line[0] != " "]
+    assert [head.split(": ")[0] for head in heads] == names
+    assert all("8 of 8 episodes failed" in head for head in heads)
+    assert ("  error  " in "\n".join(lines)) == (planners <= 10)
 
 
 def test_every_failure_has_its_sentence(run: StoredRun) -> None:

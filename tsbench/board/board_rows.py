@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from functools import cache, cached_property
 from pathlib import Path
+from statistics import mean, stdev
 
 from confusable_homoglyphs.confusables import confusables_data
 
@@ -26,6 +27,8 @@ from tsbench.scenarios.data_set import DataSet
 _SHORT = 8
 # Long enough that no code is found by trial that has the number of somebody else's.
 _OF_PLANNER = 16
+# What a planner's name ends with that learned from another seed.
+_SEED = re.compile(r"-seed\d+$")
 # File names of `BoardRow.page`, and of older ones.
 PAGE = re.compile(rf"[a-z0-9]+(-[a-z0-9]+)*-[0-9a-f]{{{_SHORT},{_OF_PLANNER}}}\.html")
 
@@ -115,6 +118,34 @@ class BoardRow:
         first = self.primary
         value = -1.0 if first is None or first.value is None else first.value
         return self.refuted, -value, self.submission.title
+
+
+@dataclass(frozen=True)
+class SeedRows:
+    """Seeds of one planner: rows of one data set, level and authors that are called `NAME`, `NAME-seed1`, …; no floors.
+
+    rows: of each seed the one to show; two at least, none refuted.
+    """
+
+    name: str
+    rows: tuple[BoardRow, ...]
+
+    def figure(self, name: str, over: str = "all") -> tuple[float, float] | None:
+        """Mean and standard deviation, %, None where a row has no such figure."""
+        found = [row.figure(name, over) for row in self.rows]
+        values = [f.value for f in found if f is not None and f.value is not None]
+        return (mean(values), stdev(values)) if len(values) == len(self.rows) else None
+
+
+def seeds_of(rows: Iterable[BoardRow]) -> list[SeedRows]:
+    """Of rows of one data set and level."""
+    found: dict[tuple[str, str], dict[str, list[BoardRow]]] = {}
+    for row in rows:
+        s = row.submission
+        if not (row.refuted or s.planner.floor):
+            name = _SEED.sub("", s.planner.name)
+            found.setdefault((name, s.authors), {}).setdefault(s.planner.name, []).append(row)
+    return [SeedRows(name, tuple(map(latest, own.values()))) for (name, _), own in found.items() if len(own) > 1]
 
 
 def latest(rows: Iterable[BoardRow]) -> BoardRow:

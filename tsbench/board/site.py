@@ -12,7 +12,7 @@ from typing import Any
 from markupsafe import Markup
 
 from tsbench.board import curves
-from tsbench.board.board_rows import PAGE, BoardRow, latest, read_rows
+from tsbench.board.board_rows import PAGE, BoardRow, latest, read_rows, seeds_of
 from tsbench.board.players import show_failures
 from tsbench.board.submission import Figure, Submission
 from tsbench.core.errors import InputError
@@ -96,6 +96,7 @@ def _level(rows: list[BoardRow]) -> dict[str, Any]:
         "chart": _chart(drawn) if len(drawn) > 1 else None,
         "name": rows[0].submission.level,
         "rows": [row for row in rows if not row.submission.planner.floor],
+        "seeds": seeds_of(rows),
         "floors": [row for row in rows if row.submission.planner.floor],
     }
 

@@ -8,9 +8,11 @@ import click
 
 from tsbench.cli import options
 from tsbench.cli.console import show_analysis
-from tsbench.report.analyses.pages import refresh
+from tsbench.core.errors import load
+from tsbench.report.analyses.pages import DECLARED, refresh
 from tsbench.report.analyses.run_analyses import analyse_runs
 
+_SEEN = "tsbench.learn.envs.seen_tables"
 KINDS = {
     "main": "SCD (paired, signed, contrast) and conventional metrics of every planner, published figures below them.",
     "types": "SCD (paired, signed, contrast) of every planner on every type, and a heat map.",
@@ -62,10 +64,10 @@ def pages(pages: tuple[Path, ...], folder: Path) -> None:
     <!-- end -->
     <!-- analysis floor | where over = all --> some rows
     <!-- end -->
-    <!-- analysis metrics -->                 the columns of an episode's metrics
+    <!-- analysis metrics -->                 the columns of an episode's metrics; `scene`: of an observation
     <!-- end -->
     <!-- figure types -->                     the picture of the next line
     """
     for page in pages:
-        for path in refresh(page, folder):
+        for path in refresh(page, folder, {**DECLARED, "scene": lambda: load(_SEEN).scene_columns()}):
             click.echo(str(path))

@@ -158,7 +158,17 @@ def _free_memory() -> int:
     return next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable:")) * 1024
 
 
-_FOR_DEVELOPERS = ("build", "dev", "mutation")
+# What users need the extras for; all others of pyproject.toml are for developers, in a clone.
+_USES = {
+    "report": "compare, report, view, analyse, render, pictures",
+    "video": "render --format mp4",
+    "make": "maps, city, scenarios build and certify",
+    "learn": "train, the Gymnasium environments",
+    "record": "films by Gymnasium's RecordVideo",
+    "ray": "run --executor ray",
+    "mcap": "export --format mcap",
+    "commonroad": "CommonRoad's planner and files",
+}
 
 
 def check_packages() -> Iterator[Diagnosis]:
@@ -192,10 +202,11 @@ def judge_packages(asked: Iterable[str], pins: Sequence[str], there: Mapping[str
     else:
         yield Diagnosis(Status.OK, "packages", f"all {len(core)} required packages are there")
     for extra, wanted in sorted(extras.items()):
-        if extra in _FOR_DEVELOPERS and not pins:
+        use = _USES.get(extra, "developers" if pins else "")
+        if not use:
             continue
         wrong = _unmet(wanted, there)
-        text = f"extra {extra}: " + (f"lacks {', '.join(wrong)}" if wrong else "complete")
+        text = f"extra {extra} (for {use}): " + (f"lacks {', '.join(wrong)}" if wrong else "complete")
         remedy = f"only if you need it: pip install 'tsbench[{extra}]'" if wrong else ""
         yield Diagnosis(Status.NOTE if wrong else Status.OK, "packages", text, remedy)
     pinned = [r for r in _requirements(pins) if r.marker is None or r.marker.evaluate()]

@@ -56,9 +56,15 @@ def oracle() -> None:
 @options.out("Folder; one with part of a collection is continued.", _FOLDER, type=options.FOLDER)
 @click.option("--redrive", is_flag=True, help="Drive again what other code of an expert has driven.")
 def collect(
-    data: DataSet, split: str, types: Words, limit: int | None, variants: str, planners: Words, tries: int,
+    data: DataSet,
+    split: str,
+    types: Words,
+    limit: int | None,
+    variants: str,
+    planners: Words,
+    tries: int,
     **others: Any,
-) -> None:  # fmt: skip
+) -> None:
     """Drive each expert on each scenario; the same command continues, other experts and scenarios are added.
 
     Exit codes: 0 complete, 1 with drives that broke off, 2 wrong usage or bad input, 130 interrupted.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +15,9 @@ from tsbench.cli import EXIT_FAILED, EXIT_INTERRUPTED, options
 from tsbench.cli.console import print_table, table_console
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.streams import progress_console
-from tsbench.report.analyses.analysis import to_markdown
+from tsbench.report.analyses.analysis import markdown_notes, to_markdown
 from tsbench.report.analyses.run_analyses import run_tables
 from tsbench.report.run_ending import citation, examples, headline
-from tsbench.run.edition import contract_line
 from tsbench.run.listener import listeners_of
 from tsbench.run.log.folder import TABLES_TEXT
 from tsbench.run.log.read import read_run, write_rescored
@@ -85,8 +85,11 @@ def rescore(folder: Path) -> None:
 def _write_tables(folder: Path, summary: Summary) -> None:
     # They bring statistics, late as the summary itself.
     lines, entry = citation(read_run(folder), summary.planners)
-    cited = "\n".join(["**To cite**", "", *(f"* {line}" for line in lines), "", "```bibtex", entry, "```", ""])
-    path, text = folder / TABLES_TEXT, "\n".join([*map(to_markdown, run_tables(summary)), cited])
+    cited = "\n".join(["**To cite**", "", *(f"* {line}" for line in lines), "", "```bibtex", entry, "```"])
+    tables = run_tables(summary)
+    shown = [to_markdown(replace(table, notes=(), contract="")) for table in tables]
+    notes = ["\n".join([f"**Notes: {table.title}**", "", *markdown_notes(table)]) for table in tables]
+    path, text = folder / TABLES_TEXT, "\n\n".join([part.strip() for part in (*shown, cited, *notes)]) + "\n"
     # Looking at a complete run changes nothing in its folder.
     if not path.is_file() or path.read_text(encoding="utf-8") != text:
         with io_errors_as_input_errors(path):
@@ -94,18 +97,16 @@ def _write_tables(folder: Path, summary: Summary) -> None:
 
 
 def _tell(ended: RunResult, console: Console) -> None:
-    lines: list[str] = []
     failed: list[str] = []
+    edition = ""
     if ended.summary is not None:
         heads, rows = headline(ended.summary.planners)
         print_table(heads, rows, title=ended.summary.title)
         stored = read_run(ended.folder)
-        lines.append(contract_line(ended.summary.contract_hash, stored.data))
-        failed = list(examples(stored))
-        lines += failed
-    lines += [f"{ended.finished} of {ended.asked} episodes finished, {ended.errors} with an error outcome"]
+        failed, edition = list(examples(stored)), stored.edition
+    lines = [*failed, f"{ended.finished} of {ended.asked} episodes finished, {ended.errors} with an error outcome"]
     if ended.finished < ended.asked:
-        lines.append("run the same command again to continue (--allow-partial prints the table of what is there)")
+        lines.append("run the same command again to continue (--allow-partial: the table so far)")
     lines.append(f"records   {ended.folder / 'episodes.parquet'}")
     if ended.summary is not None:
         lines.append(f"tables    {ended.folder / 'summary.md'}")
@@ -116,5 +117,7 @@ def _tell(ended: RunResult, console: Console) -> None:
     lines.append(f"pictures  tsbench render {folder} EPISODE")
     if ended.errors:
         lines.append(f"errors    {ended.folder / 'errors'}")
+    if edition:
+        lines.append(f"edition {edition}, contract {ended.contract[:12]}")
     for line in lines:
         console.print(line, markup=False, highlight=False, soft_wrap=True)

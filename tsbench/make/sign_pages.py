@@ -168,7 +168,7 @@ class PageMaker:
             number = sign.value.allowed[0] if posted is None else posted
         name = f"pictures/{sign.code}.svg" if number is None else f"pictures/{sign.code}-{number:g}.svg"
         with io_errors_as_input_errors(self.out / name):
-            write_atomic(self.out / name, plate_svg(sign.code, number).encode())
+            write_atomic(self.out / name, plate_svg(self._data.artwork(), sign.code, number).encode())
         return f'<img src="{name}" width="{width}" alt="{sign.code}">'
 
 

@@ -32,8 +32,8 @@ from tsbench.run.plan import BOTH
 from tsbench.scenarios.spec import pair_type
 from tsbench.signs.countries import Artwork
 
-# Causes of a planner's failures that are told with an example, and columns of a terminal.
-_MOST_CAUSES, _WIDTH = 5, 80
+# Causes of a planner's failures that are told with an example; columns of a terminal, and lines of it for failures.
+_MOST_CAUSES, _WIDTH, _LINES = 5, 80, 20
 _BIBTEX = """@software{{tsbench,
   author  = {{{{tsbench contributors}}}},
   title   = {{tsbench: a closed-loop benchmark for obeying traffic signs on real road maps}},
@@ -155,19 +155,30 @@ def counted(failures: Sequence[Failure], run: StoredRun, planner: str) -> str:
 
 
 def examples(run: StoredRun) -> Iterator[str]:
-    """Lines for each planner with failed episodes: how many and why, then an example of each cause to look at."""
+    """Lines for each planner with failed episodes: how many and why, then an example of each cause to look at.
+
+    The planners share one screen, so of many planners there are fewer examples.
+    """
     found = failures_of(run)
-    for planner in dict.fromkeys(failure.planner for failure in found):
-        yield from _wrapped(counted(found, run, planner))
+    planners = list(dict.fromkeys(failure.planner for failure in found))
+    room = max(1, _LINES // max(1, len(planners)))
+    for planner in planners:
         own = [failure for failure in found if failure.planner == planner]
+        lines = _wrapped(counted(found, run, planner), (room + 1) // 2)
         for cause, _ in Counter(failure.cause for failure in own).most_common(_MOST_CAUSES):
             first = next(failure for failure in own if failure.cause == cause)
-            shown = shlex.join(("tsbench", "render", str(run.path), first.name))
-            yield f"  {cause}  " + (f"{first.scenario_id}: {first.sentence}" if cause == "error" else shown)
+            shown = f"{first.scenario_id}: {first.sentence}" if cause == "error" else shlex.quote(first.name)
+            lines += _wrapped(f"  {cause}  {shown}", room - len(lines))
+        yield from lines
 
 
-def _wrapped(title: str) -> list[str]:
-    return textwrap.wrap(title, _WIDTH, subsequent_indent="    ")
+def _wrapped(text: str, most: int | None = None) -> list[str]:
+    """Lines of a terminal, names whole; what is more than `most` is left out."""
+    if most == 0:
+        return []
+    whole = textwrap.TextWrapper(_WIDTH, subsequent_indent="    ", break_on_hyphens=False, break_long_words=False)
+    whole.max_lines, whole.placeholder = most, " …"
+    return whole.wrap(text)
 
 
 def listing(run: StoredRun, failures: Sequence[Failure], by: str) -> Iterator[str]:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, get_args
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium import spaces
 
 from tsbench.core.errors import InputError
 from tsbench.learn.envs import GROUPS
@@ -27,8 +29,11 @@ from tsbench.learn.envs.seen_tables import (
     AddressedLanes,
     ObjectsSeen,
     SceneSeen,
+    scene_columns,
+    sign_codes,
 )
 from tsbench.planners.base import SignView
+from tsbench.report.analyses.pages import refresh
 from tsbench.signs.model import OUTLINES, Group
 
 
@@ -226,3 +231,24 @@ def test_groups_have_ids() -> None:
         assert made.action_space.shape == (3,)
         before = gymnasium.make(gymnasium.spec(name.replace("v1", "v0")), split="dev")
         assert (before.observation_space.shape, before.action_space.shape) == ((275,), (2,))
+
+
+def test_the_page_has_the_columns_of_a_scene(tmp_path: Path) -> None:
+    head, *rows = scene_columns()
+    assert head == ("table", "column", "unit", "meaning")
+    assert all(all(row) for row in rows)
+    assert len({row[:2] for row in rows}) == len(rows)
+    space = SceneSeen().space
+    assert isinstance(space, spaces.Dict)
+    widths = {name: box.shape[-1] for name, box in space.items() if not name.endswith("_mask") and box.shape}
+    # The columns of codes are one row.
+    assert Counter(table for table, *_ in rows) + Counter(plates=len(sign_codes())) == widths
+    named = [column for table, column, *_ in rows if table == "plates"]
+    assert named[4:] == [*PLATE, "code"]
+    docs = Path(__file__).parents[3] / "docs"
+    copy = tmp_path / "env.md"
+    copy.write_bytes((docs / "env.md").read_bytes())
+    refresh(copy, tmp_path, {"scene": scene_columns})
+    for path in (copy, tmp_path / "tables" / "scene-columns.csv"):
+        told = (docs / path.relative_to(tmp_path)).read_bytes()
+        assert path.read_bytes() == told, "tsbench analyse pages docs/env.md writes it anew"

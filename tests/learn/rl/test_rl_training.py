@@ -15,6 +15,7 @@ from gymnasium import spaces
 from safetensors.numpy import load_file
 from scipy import stats
 from stable_baselines3 import PPO
+from stable_baselines3.common.logger import Logger
 
 from tsbench.core.errors import InputError
 from tsbench.learn.rl import ppo_training as rl_train
@@ -124,6 +125,7 @@ def test_a_checkpoint_holds_everything_that_learns(planner: str, tmp_path: Path)
         )
 
     model = fresh(0)
+    model.set_logger(Logger(folder=None, output_formats=[]))
     model.learn(8)
     save_progress(tmp_path, model, RlProgress(8, 1.5, 1, 2), {"seed": 0})
     other = fresh(1)

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import episode_builders as made
+import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.font_manager import fontManager
 
 from tsbench.episode.trace import trace_of
+from tsbench.report.charts import inline_svg, legible, save_chart
 from tsbench.report.drawing.birds_eye import Strip
 from tsbench.report.drawing.canvas import STYLE, PageSize
 from tsbench.report.drawing.hud import FrameInfo, Hud, figures
-from tsbench.report.drawing.paint import fitted, wrap
+from tsbench.report.drawing.paint import fitted, text_width, wrap, write
 from tsbench.report.time_to_collision import how_near
 from tsbench.report.wording import readable
 from tsbench.signs.catalog import load_catalog
@@ -44,6 +49,65 @@ def test_units_are_printed_as_one_writes_them() -> None:
 def test_a_sentence_is_printed_with_the_same_units() -> None:
     assert readable("brake with 4.5 m/s2 (at most 2.5 m/s2).") == "brake with 4.5 m/s² (at most 2.5 m/s²)."
     assert readable("a turn of -0 deg, not -90 deg or +0 deg") == "a turn of 0°, not -90° or 0°"
+
+
+@pytest.fixture
+def own_fonts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine that has the fonts of matplotlib alone."""
+    own = [font for font in fontManager.ttflist if font.fname.startswith(mpl.get_data_path())]
+    monkeypatch.setattr(fontManager, "ttflist", own)
+    monkeypatch.setattr("tsbench.report.drawing.paint.legible", legible.__wrapped__)
+    monkeypatch.setattr("tsbench.report.charts.legible", legible.__wrapped__)
+
+
+@pytest.mark.usefixtures("own_fonts")
+@pytest.mark.parametrize(
+    ("name", "shown", "font"),
+    [
+        ("plant2-ft", "plant2-ft", ""),
+        ("Правила: 1 m/s²", "Правила: 1 m/s²", ""),
+        ("مخطط", "مخطط", ""),
+        ("x规划器.py:한국어", "x89c4-5212-5668.py:han-gug-eo", ""),
+        ("かな", "ka-na", ""),
+        ("a⌕ b", "a⌕ b", "DejaVuSansMono.ttf"),
+    ],
+)
+def test_a_picture_has_no_letter_that_its_font_lacks(name: str, shown: str, font: str) -> None:
+    words, file = legible.__wrapped__(name)
+    assert (words, Path(file).name) == (shown, font)
+
+
+@pytest.mark.usefixtures("own_fonts")
+def test_two_names_of_letters_without_a_font_differ() -> None:
+    first, second = (np.zeros((40, 400, 3), dtype=np.uint8) for _ in range(2))
+    write(first, 2, 2, "规划器", 15, STYLE.ink)
+    write(second, 2, 2, "路径器", 15, STYLE.ink)
+    assert (first != second).any()
+
+
+def test_words_stand_from_left_to_right_after_an_arabic_name() -> None:
+    whole, name = (np.zeros((40, 400, 3), dtype=np.uint8) for _ in range(2))
+    write(whole, 2, 2, "مخطط: stop", 15, STYLE.ink)
+    write(name, 2, 2, "مخطط", 15, STYLE.ink)
+    width = text_width("مخطط", 15)
+    assert (whole[:, :width] == name[:, :width]).all()
+
+
+@pytest.mark.usefixtures("own_fonts")
+@pytest.mark.filterwarnings("error")
+def test_a_chart_has_letters_of_its_font_and_a_page_those_of_the_name(tmp_path: Path) -> None:
+    def draw() -> Figure:
+        figure = Figure()
+        axes = figure.subplots()
+        axes.set_xticks(range(2), ["规划器", "idm"])
+        axes.set_title("规划器")
+        return figure
+
+    save_chart(draw, tmp_path / "chart.svg", tmp_path / "chart.png")
+    drawn = (tmp_path / "chart.svg").read_text()
+    assert drawn.count("<!-- 89c4-5212-5668 -->") == 2
+    page = inline_svg(draw, "chart", "a chart")
+    assert page.count(">规划器<") == 2
 
 
 def test_titles_and_ids_of_all_types_fit_on_a_small_page() -> None:

@@ -295,7 +295,7 @@ def test_two_planners_drive_one_scene_side_by_side(chromium: Browser, report: Pa
 
 @pytest.fixture(scope="module")
 def paired(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    run = page_runs.make_pair_run(tmp_path_factory.mktemp("paired") / "run")
+    run = page_runs.make_pair_run(tmp_path_factory.mktemp("paired") / "my run")
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(embedding, "_packer", page_runs.packer)
         return write_report(
@@ -344,7 +344,7 @@ def test_both_halves_are_played_in_step(chromium: Browser, paired: Path) -> None
         until(page, f"tsb.player.episode?.scenario === '{broken}'")
         assert page.evaluate("tsb.player.halves.length") == 1
         assert page.locator("#player-half-2").is_hidden()
-        assert "render RUN --failures" in page.inner_text("#player-alone")
+        assert f"tsbench render '{paired.parent}' --failures drives" in page.inner_text("#player-alone")
 
 
 def test_a_camera_takes_the_other_along(chromium: Browser, paired: Path) -> None:

@@ -141,6 +141,14 @@ def test_default_folder_and_manifest(bench: Bench) -> None:
         "episodes.parquet", "run.json", "summary.json", "summary.md", "timing.parquet", "violations.parquet",
     ]  # fmt: skip
     assert f"records   runs/{folder.name}/episodes.parquet" in done.stdout
+    # The end of a run is one screen; which contract it has stands last, and in full with the notes below all tables.
+    lines, contract = done.stdout.splitlines(), json.loads((folder / "run.json").read_text())["contract"]
+    assert max(map(len, lines)) <= 80
+    assert len(lines) <= 24
+    assert lines[-1].endswith(f", contract {contract[:12]}")
+    text = (folder / "summary.md").read_text()
+    assert text.endswith(f"Contract `{contract}`.\n")
+    assert max(text.rindex("\n| "), text.index("```")) < min(text.index("**Notes: "), text.index("strict: "))
 
 
 def test_partial_figures_only_when_asked_for(bench: Bench) -> None:

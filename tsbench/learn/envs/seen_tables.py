@@ -159,6 +159,66 @@ _MAIN_ROAD = PLATE.index(MAIN_ROAD[0])
 LANE = ("width", "speed", "junction", "on_route", "leads", "way")
 POINTS, ROUTE = 8, 20
 _PIECE_M, _ROUTE_STEP_M, _YAW_RADPS, _ACCEL_MPS2 = 40.0, 2.5, 1.0, 10.0
+_M = f"{FAR_M:g} m"
+_POSE = {
+    "forward": (_M, "place ahead of the ego"),
+    "left": (_M, "place to the left of the ego"),
+    "cos": ("1", "cosine of its heading against the ego's"),
+    "sin": ("1", "sine of its heading against the ego's"),
+}
+_SIZE = {"length": (f"{LENGTH_M:g} m", "of its box"), "width": (f"{WIDTH_M:g} m", "of its box")}
+_ANGLE = "of a direction of the main road on 8.13 against the approach; 0 without 8.13"
+
+
+def scene_columns() -> list[tuple[str, str, str, str]]:
+    """Of `scene`, below heads: table, column, unit (what 1 stands for) and meaning, in the order of the columns."""
+    tables = {
+        "ego": dict(
+            zip(
+                EGO,
+                (
+                    (f"{SPEED_MPS:g} m/s", "of the ego"),
+                    (f"{_ACCEL_MPS2:g} m/s²", "of the ego"),
+                    (f"{math.degrees(MAX_STEER_RAD):.0f}°", "angle, to the left"),
+                    (f"{_YAW_RADPS:g} rad/s", "to the left"),
+                    (f"{WIDTH_M:g} m", "place to the left of the route"),
+                    (f"{WAY_M:g} m", "way that is left"),
+                    (f"{SPEED_MPS:g} m/s", "of the road, without plates"),
+                ),
+                strict=True,
+            )
+        ),
+        "route": dict.fromkeys(ROUTE_COLUMNS, (_M, f"of {ROUTE} points, each {_ROUTE_STEP_M:g} m further on")),
+        "plates": {
+            **_POSE,
+            "has_value": ("yes", "a value is told"),
+            "value": (f"{LIMIT_KMH:g} km/h", "of the plate"),
+            "one_lane": ("yes", "it addresses one lane, not the whole road"),
+            "lanes_left": (f"{LANES:g} lanes", "by how many that lane lies to the left of the ego's"),
+            "on_route": ("yes", "its road is on the navigation's way"),
+            **{name: ("1", ("cosine " if "cos" in name else "sine ") + _ANGLE) for name in MAIN_ROAD},
+            **dict.fromkeys(OUTLINES, ("yes", "its outline")),
+            "code": ("yes", "a column for each sign, sorted by code, and one for a code that is not told"),
+        },
+        "lanes": {
+            **{f"{name}_{k + 1}": (_M, "of a point of the piece") for k in range(POINTS) for name in ROUTE_COLUMNS},
+            "width": (f"{WIDTH_M:g} m", "of the lane"),
+            "speed": (f"{SPEED_MPS:g} m/s", "limit of the lane, without plates"),
+            "junction": ("yes", "it leads through a junction"),
+            "on_route": ("yes", "it is on the navigation's way"),
+            "leads": ("yes", "it leads to the destination"),
+            "way": (f"{WAY_M:g} m", "to the destination; 1 where it does not lead there"),
+        },
+        "actors": {
+            **_POSE,
+            "speed": (f"{SPEED_MPS:g} m/s", "of the road user"),
+            **_SIZE,
+            **{kind.name.lower(): ("yes", "its kind") for kind in ActorKind},
+        },
+        "obstacles": {**_POSE, **_SIZE},
+    }
+    rows = ((table, column, *told) for table, columns in tables.items() for column, told in columns.items())
+    return [("table", "column", "unit", "meaning"), *rows]
 
 
 class SceneSeen:

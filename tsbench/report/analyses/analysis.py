@@ -236,10 +236,15 @@ def to_markdown(analysis: Analysis) -> str:
         lines.append(
             markdown_row(_cell(lines_of(column, cell)) for column, cell in zip(columns, row.cells, strict=True))
         )
+    return "\n".join([*lines, "", *markdown_notes(analysis), ""])
+
+
+def markdown_notes(analysis: Analysis) -> list[str]:
+    """Lines below a table, the contract last."""
     notes = [_escape(note) for note in analysis.notes if note]
     if analysis.contract:
         notes.append(f"Contract `{analysis.contract}`")
-    return "\n".join([*lines, "", *(f"{note.removesuffix('.')}." for note in notes), ""])
+    return [f"{note.removesuffix('.')}." for note in notes]
 
 
 def markdown_row(cells: Iterable[str]) -> str:

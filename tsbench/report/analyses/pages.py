@@ -12,7 +12,7 @@ A page asks by comments, which readers do not see:
 <!-- end -->
 <!-- analysis floor | csv floor-types -->     a link to tables/floor-types.csv beside the page; the last word
 <!-- end -->
-<!-- analysis metrics -->            the columns of an episode's metrics, as the code declares them
+<!-- analysis metrics -->            the columns of an episode's metrics, as the code declares them; so is `scene`
 <!-- end -->
 <!-- figure types -->                types.png is copied to where the next line's picture is
 """
@@ -21,7 +21,9 @@ from __future__ import annotations
 
 import html
 import re
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
@@ -42,8 +44,17 @@ _VALUE = re.compile(r"(\S+) \((\S+)(?:–| to )(\S+)\)")
 _INTERVAL = re.compile(r" \([^()]*\)$")
 
 
-def refresh(page: Path, folder: Path) -> list[Path]:
-    """Fill a page from the files of `tsbench analyse` below `folder`; returns what was written.
+def _metrics() -> Rows:
+    return [("column", "meaning"), *((f"`{metric.column}`", metric.meaning) for metric in EPISODE_METRICS)]
+
+
+Rows = Sequence[Sequence[str]]
+# Tables that the code declares; the first row is the heads.
+DECLARED: Mapping[str, Callable[[], Rows]] = MappingProxyType({"metrics": _metrics})
+
+
+def refresh(page: Path, folder: Path, declared: Mapping[str, Callable[[], Rows]] = DECLARED) -> list[Path]:
+    """Fill a page from the files of `tsbench analyse` below `folder`, or from `declared`; returns what was written.
 
     Raises InputError: no page, a mark without its end, an analysis, figure or column that is not there.
     """
@@ -58,7 +69,7 @@ def refresh(page: Path, folder: Path) -> list[Path]:
 
     def fill(found: re.Match[str]) -> str:
         name, options, _ = found.groups()
-        told = _told(page, folder / f"{name}.md")
+        told = _markdown(declared[name]()) if name in declared else _told(page, folder / f"{name}.md")
         words = [word.strip() for word in options.split(" | ") if word.strip()]
         *_, last = words or [""]
         if not last.startswith("csv "):
@@ -82,15 +93,12 @@ def refresh(page: Path, folder: Path) -> list[Path]:
     return [page, *written]
 
 
-def _metrics() -> str:
-    rows = [("column", "meaning"), ("---", "---")]
-    rows += [(f"`{metric.column}`", metric.meaning) for metric in EPISODE_METRICS]
-    return "\n".join(markdown_row(row) for row in rows).replace("| --- | --- |", "|---|---|")
+def _markdown(rows: Rows) -> str:
+    head, *others = map(markdown_row, rows)
+    return "\n".join((head, f"|{'---|' * len(rows[0])}", *others))
 
 
 def _told(page: Path, path: Path) -> str:
-    if path.stem == "metrics":
-        return _metrics()
     if not path.is_file():
         raise InputError(f"{page}: asks for {path}, which is not there (tsbench analyse {path.stem} makes it)")
     return path.read_text(encoding="utf-8")

@@ -18,11 +18,12 @@ import matplotlib as mpl
 import numpy as np
 import shapely
 from PIL import Image as PilImage
-from PIL import ImageDraw, ImageFont
+from PIL import ImageDraw, ImageFont, features
 
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.geometry.footprint import corners
 from tsbench.geometry.polyline import Array
+from tsbench.report.charts import legible
 from tsbench.report.drawing.canvas import (
     SHIFT,
     STYLE,
@@ -40,25 +41,31 @@ from tsbench.report.drawing.canvas import (
 from tsbench.report.drawing.road_shapes import main_road_rgba
 from tsbench.signs.plates import plate_rgba
 
+# Whatever a text begins with, its words stand from left to right; without Raqm all letters do.
+_DIRECTION = "ltr" if features.check("raqm") else None
+
 
 @cache
-def _font(size: int, bold: bool) -> ImageFont.FreeTypeFont:
+def _font(size: int, bold: bool, file: str = "") -> ImageFont.FreeTypeFont:
     name = "DejaVuSans-Bold.ttf" if bold else "DejaVuSans.ttf"
-    return ImageFont.truetype(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / name), size)
+    return ImageFont.truetype(file or str(Path(mpl.get_data_path()) / "fonts" / "ttf" / name), size)
 
 
 @lru_cache(maxsize=4096)
 def _mask(text: str, size: int, bold: bool) -> Image:
-    font = _font(size, bold)
-    ascent, descent = font.getmetrics()
-    picture = PilImage.new("L", (max(int(np.ceil(font.getlength(text))), 1), ascent + descent), 0)
-    ImageDraw.Draw(picture).text((0, 0), text, fill=255, font=font)
+    shown, file = legible(text)
+    ascent, descent = _font(size, bold).getmetrics()
+    picture = PilImage.new("L", (max(text_width(text, size, bold), 1), ascent + descent), 0)
+    # On one base line, whatever the font.
+    font = _font(size, bold, file)
+    ImageDraw.Draw(picture).text((0, ascent), shown, fill=255, font=font, anchor="ls", direction=_DIRECTION)
     return np.array(picture)
 
 
 @lru_cache(maxsize=4096)
 def text_width(text: str, size: int, bold: bool = False) -> int:
-    return int(np.ceil(_font(size, bold).getlength(text)))
+    shown, file = legible(text)
+    return int(np.ceil(_font(size, bold, file).getlength(shown, direction=_DIRECTION)))
 
 
 def line_height(size: int) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -186,11 +187,17 @@ def episode_page(run: StoredRun, planner: str, scenario_id: str) -> str:
         why = "; ".join(players.notes) or "it has no trace (trace='all' keeps all)"
         raise InputError(f"{run.path}: {planner}/{scenario_id} cannot be played: {why}")
     return render_page(
-        "report.html", blobs={"episodes": episodes_table(index, players.rows), **players.blobs}, scripts=PLAYER_SCRIPTS,
+        "report.html", data={"folders": _folders(pool)}, scripts=PLAYER_SCRIPTS,
+        blobs={"episodes": episodes_table(index, players.rows), **players.blobs},
         title=f"{planner}: {scenario_id}", partial=False, contract=pool.contract, edition=pool.edition, sections=[],
         headlines=[], cited=[],
         runs=[], notes=players.notes, players=len(players.rows), episodes=len(index),
     )  # fmt: skip
+
+
+def _folders(pool: RunPool) -> dict[str, str]:
+    """The folder of each planner's run, as a shell takes it."""
+    return {name: shlex.quote(str(run.path)) for name, run in pool.home.items()}
 
 
 class Fixed:
@@ -201,9 +208,10 @@ class Fixed:
         self._heading = heading(pool)
         self._sections = list(sections(pool, index))
         self._about = about(pool)
+        self._folders = _folders(pool)
 
     def page(self, players: Embedded, source: str | None = None) -> str:
-        data: dict[str, Any] = {} if source is None else {"source": source}
+        data: dict[str, Any] = {"folders": self._folders, **({} if source is None else {"source": source})}
         blobs = {"episodes": episodes_table(self._index, players.rows), **players.blobs}
         return render_page(
             "report.html", data=data, blobs=blobs, scripts=PLAYER_SCRIPTS, served=source is not None,

@@ -87,6 +87,7 @@ tsb.player = (() => {
     if (!beside) found.sort((a, b) => (a.episode.half === "contrast") - (b.episode.half === "contrast"));
     arrange(found.length);
     get("alone").hidden = beside !== "" || other === null || found.length > 1;
+    get("folder").textContent = tsb.json("folders")?.[api.who(row)] ?? "";
     const name = ({ episode, row: at }) => found.length < 2 ? "" : beside ? api.who(at) : `${episode.half} half`;
     found.forEach((one, k) => stages[k].show(one, name(one)));
     main = shown[found.findIndex((one) => one.row === row)];
