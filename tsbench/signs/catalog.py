@@ -21,7 +21,7 @@ from tsbench.signs.rule_kinds import NEEDLESS, OF_NO_PLATE, RULE_KINDS, WRONG_WA
 __all__ = ["Catalog", "Clause", "RuleSpec", "ScenarioType", "Sign", "load_catalog"]
 
 # What cannot change an episode or a record stays out of the contract.
-_NOT_IN_CONTRACT = ("name_ru", "name_en", "drawing", "caption", "law", "mirrored")
+_NOT_IN_CONTRACT = ("name_ru", "name_en", "drawing", "caption", "places", "law", "mirrored")
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,11 @@ Family = Literal["junction", "roundabout", "dual_path", "corridor"]
 Shape = Literal["T", "X", "ring", "straight", "curved"]
 Outline = Literal["octagon", "inverted_triangle", "diamond", "triangle", "circle", "rectangle"]
 Slot = Literal["s_l", "s_r", "l_s", "l_r", "r_s", "r_l"]
+Place = Literal[
+    "line", "junction", "priority", "choice", "shown", "open_road", "enterable", "onward", "one_way_across",
+    "obstacle", "several_lanes", "by_its_lane", "kerb_lane", "contraflow", "mouth", "unentered", "unused", "entered",
+    "begin", "road_speed", "not_before_yield", "crossing", "ring", "alone", "both_ways", "own_direction", "lasting",
+]  # fmt: skip
 
 GROUPS: tuple[str, ...] = get_args(Group)
 OUTLINES: tuple[str, ...] = get_args(Outline)
@@ -226,9 +231,10 @@ class Sign:
     in the table of types. is_end: it only closes the zone of `ends` and is no scenario's target. drawing: file name
     of its SVG under `sign_catalog/plates/`. caption: short English text below the plate in figures. outline: the
     plate's shape, all that is seen of it from behind. value: what it posts, None where it sets no number. rule: the
-    one that judges it, bound to the sign (for an end plate: the one that reads it). context: codes of other plates
-    that may stand in its scenes, itself among them where it may stand there again. mirrored: code of the sign that
-    this one is in a mirror, "" = it stays what it is.
+    one that judges it, bound to the sign (for an end plate: the one that reads it). places: all kinds of places that
+    its plate needs (`sign_catalog/places.yaml` says what each is); () is refused nowhere. context: codes of other
+    plates that may stand in its scenes, itself among them where it may stand there again. mirrored: code of the sign
+    that this one is in a mirror, "" = it stays what it is.
     """
 
     code: str
@@ -245,6 +251,7 @@ class Sign:
     value: PostedValue | None
     rule: RuleSpec
     placement: Placement
+    places: tuple[Place, ...]
     law: Law
     maps: MapNeeds
     context: tuple[str, ...] = ()

@@ -14,6 +14,7 @@ from tsbench.signs.model import (
     MapNeeds,
     OptionSpec,
     Outline,
+    Place,
     Placement,
     PostedValue,
     RuleSpec,
@@ -90,6 +91,7 @@ class _SignFile:
     plate: _Plate
     rule: _Rule
     placement: Placement
+    places: tuple[Place, ...]
     law: Law
     maps: MapNeeds
     value: _Value | None = None
@@ -141,6 +143,14 @@ def _sign(file: _SignFile, rules: Mapping[str, RuleSpec]) -> Sign:
     for word in ended_by:
         if word not in END_PLACES and not word[0].isdigit():
             raise ValueError(f"ended_by: {word!r} is neither a code nor one of {', '.join(END_PLACES)}")
+    rule = _bound(file.rule, rules[file.rule.name])
+    for place, there, lacks in (
+        ("road_speed", file.value, "the sign sets no value"),
+        ("begin", file.ends, "the sign ends no other"),
+        ("choice", "allowed" in rule.options, "its rule permits no turns"),
+    ):
+        if place in file.places and not there:
+            raise ValueError(f"places: {place}: {lacks}")
     return Sign(
         code=file.code,
         name_ru=file.names.ru,
@@ -154,8 +164,9 @@ def _sign(file: _SignFile, rules: Mapping[str, RuleSpec]) -> Sign:
         caption=file.plate.caption,
         outline=file.plate.outline,
         value=None if file.value is None else _value(file.value),
-        rule=replace(_bound(file.rule, rules[file.rule.name]), ended_by=ended_by),
+        rule=replace(rule, ended_by=ended_by),
         placement=file.placement,
+        places=file.places,
         law=file.law,
         maps=file.maps,
         context=file.context,

@@ -1,4 +1,4 @@
-"""Where each plate can stand: `sign_catalog/places.yaml`, one table of kinds of places by code."""
+"""`sign_catalog/places.yaml`: bounds of the places where plates can stand; `Sign.places` says which a sign needs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated
 
 from msgspec import Meta
 
@@ -14,12 +14,6 @@ from tsbench.core.paths import data_file, resolved
 from tsbench.core.typed import read_sheet
 from tsbench.signs.catalog import load_catalog
 
-Place = Literal[
-    "line", "junction", "priority", "choice", "shown", "open_road", "enterable", "onward", "one_way_across",
-    "obstacle", "several_lanes", "by_its_lane", "kerb_lane", "contraflow", "mouth", "unentered", "unused", "entered",
-    "begin", "road_speed", "not_before_yield", "crossing", "ring", "alone", "both_ways", "own_direction", "lasting",
-]  # fmt: skip
-PLACES: tuple[Place, ...] = get_args(Place)
 _Positive = Annotated[float, Meta(gt=0.0, lt=1e300)]
 
 
@@ -44,15 +38,10 @@ class Distances:
 
 @dataclass(frozen=True)
 class PlaceTable:
-    """The whole file.
-
-    signs: by code, all places that its plate needs; a sign that is not here is refused nowhere. speeds: by class of
-    road ("primary") and code, the values in km/h that the plate may set there.
-    """
+    """The whole file. speeds: by class of road ("primary") and code, the values (km/h) that a plate may set there."""
 
     table: str
     distances: Distances
-    signs: Mapping[str, tuple[Place, ...]]
     speeds: Mapping[str, Mapping[str, tuple[float, ...]]]
 
     def allowed_speeds(self, *, road_class: str, code: str) -> tuple[float, ...] | None:
@@ -73,15 +62,6 @@ def _read(root: Path) -> PlaceTable:
 
 def _checked(table: PlaceTable, root: Path) -> PlaceTable:
     signs = load_catalog(root).signs
-    for code, places in table.signs.items():
-        if code not in signs:
-            raise ValueError(f"signs: {code}: the catalogue has no such sign")
-        if "road_speed" in places and signs[code].value is None:
-            raise ValueError(f"signs: {code}: road_speed: the sign sets no value")
-        if "begin" in places and not signs[code].is_end:
-            raise ValueError(f"signs: {code}: begin: the sign ends no other")
-        if "choice" in places and "allowed" not in signs[code].rule.options:
-            raise ValueError(f"signs: {code}: choice: its rule permits no turns")
     for road, by_code in table.speeds.items():
         for code, values in by_code.items():
             posted = signs[code].value if code in signs else None

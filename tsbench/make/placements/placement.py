@@ -1,4 +1,7 @@
-"""What a placement is, and the users of a lane that several of them hold until the ego comes. Units: m, s, m/s, rad."""
+"""What a placement is, and the users of a lane that several of them hold until the ego comes. Units: m, s, m/s, rad.
+
+Each type's placement decides where its plates stand, by distances of its recipe; `plate_beside` gives the pose of one.
+"""
 
 from __future__ import annotations
 

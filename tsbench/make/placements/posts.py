@@ -24,9 +24,9 @@ from tsbench.make.placements.placement import (
     passenger_lanes,
     plate_beside,
 )
-from tsbench.make.scenes.placed_plates import CLOSING, PlacedPlates, broken_plates
-from tsbench.make.scenes.plate_places import refused
+from tsbench.make.scenes.plate_checks import refused
 from tsbench.make.scenes.plate_roads import PlateRoads, Sent, shut_roads
+from tsbench.make.scenes.plate_surroundings import CLOSING, PlacedPlates, broken_plates
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.places import load_places
 from tsbench.sim.scene import EgoStart
@@ -52,9 +52,8 @@ def place_along(code: str, length: float, task: SceneTask) -> float:
         return length - float(task.rng.uniform(_AT_LINE_M, min(placement.distance_m[1], _CLEAR_M)))
     if placement.reference == "exit_start":
         return float(task.rng.uniform(*placement.distance_m))
-    table = load_places()
-    if "entered" in table.signs.get(code, ()):
-        return float(task.rng.uniform(_AT_LINE_M, table.distances.mouth_m))
+    if "entered" in task.recipe.catalog.sign(code).places:
+        return float(task.rng.uniform(_AT_LINE_M, load_places().distances.mouth_m))
     return float(task.rng.uniform(_CLEAR_M, length - _CLEAR_M))
 
 

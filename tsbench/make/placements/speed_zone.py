@@ -41,10 +41,9 @@ _ROOM_M = 2.0
 
 def can_post(recipe: Recipe, row: PoolRow, code: str, value: float) -> bool:
     """Can a plate set this value on a road of the map's class?"""
-    table = load_places()
-    allowed = table.allowed_speeds(road_class=row.road_class, code=code)
-    value = recipe.catalog.sign(code).effective_value(value) or value
-    return "road_speed" not in table.signs.get(code, ()) or allowed is None or value in allowed
+    sign, allowed = recipe.catalog.sign(code), load_places().allowed_speeds(road_class=row.road_class, code=code)
+    value = sign.effective_value(value) or value
+    return "road_speed" not in sign.places or allowed is None or value in allowed
 
 
 def _bend_kmh(catalog: Catalog, network: RoadNetwork, zone: Sequence[str]) -> float:

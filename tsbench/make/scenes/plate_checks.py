@@ -1,4 +1,7 @@
-"""Can a plate stand where it stands? One test for each kind of place of `sign_catalog/places.yaml`. Units: m, km/h."""
+"""Can a plate stand where it stands? One check for each kind of place of `sign_catalog/places.yaml`. Units: m, km/h.
+
+Where plates are placed: `tsbench.make.placements`. Which kinds of places a sign needs: `places` of its file.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,11 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from tsbench.geometry.elementary import STRAIGHT, TURNS, U_TURN
-from tsbench.make.scenes.placed_plates import CLOSED, ONE_WAY, PlacedPlates, PlateHere
+from tsbench.make.scenes.plate_surroundings import CLOSED, ONE_WAY, PlacedPlates, PlateHere
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.reserved_lanes import is_reserved
 from tsbench.signs.annotations import TARGET, SignInstance
-from tsbench.signs.places import Place
+from tsbench.signs.model import Place
 
 # How far beside its road's edge a plate can stand.
 PLATE_SIDE_M = (0.3, 3.0)
@@ -25,7 +28,7 @@ _MINOR, _MAJOR = ("2.4", "2.5"), ("2.1", "2.3.1", "2.3.2", "2.3.3")
 def refused(scene: PlacedPlates, plate: SignInstance) -> tuple[tuple[Place, str], ...]:
     """Each kind of place that a plate of a scene needs and does not have, with the reason; () where it can stand."""
     here = PlateHere(scene, plate)
-    answers = ((place, _TESTS[place](here)) for place in scene.table.signs.get(plate.code, ()))
+    answers = ((place, _CHECKS[place](here)) for place in here.sign.places)
     return tuple((place, why) for place, why in answers if why)
 
 
@@ -328,7 +331,7 @@ def _is_over(here: PlateHere, before: SignInstance) -> bool:
     return any(PlateHere(here.scene, p).is_before(before) for p in ends)
 
 
-_TESTS: Mapping[Place, Callable[[PlateHere], str]] = MappingProxyType(
+_CHECKS: Mapping[Place, Callable[[PlateHere], str]] = MappingProxyType(
     {
         "line": _line,
         "junction": _junction,
