@@ -12,7 +12,8 @@ from run_helpers import specs
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_root
 from tsbench.run.execution.messages import Task, TaskQueue
-from tsbench.run.plan import Request, RunPlan, choose_variants, make_plan
+from tsbench.run.options import Request
+from tsbench.run.plan import RunPlan, choose_variants, make_plan
 from tsbench.scenarios.data_set import DataSet, write_table
 from tsbench.signs.catalog import load_catalog
 

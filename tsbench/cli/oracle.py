@@ -20,7 +20,7 @@ from tsbench.learn.oracle.select import select as select_drives
 from tsbench.learn.oracle.select import stats as stats_of
 from tsbench.learn.oracle.select import verify as verify_drives
 from tsbench.learn.oracle.trajectories import trajectories_path
-from tsbench.run.plan import Request
+from tsbench.run.options import Request
 from tsbench.run.run_progress import ProgressWatcher
 from tsbench.scenarios.data_set import DataSet
 

@@ -24,7 +24,7 @@ from tsbench.report.analyses.analysis import Analysis, Column, Kind, Table, prin
 from tsbench.report.analyses.columns import NAMES, READINGS_NOTE, SCD_NOTE, difference_columns, difference_rows
 from tsbench.run.log.manifest import NAME, city_of, marks_of, plain_perception, planners_of
 from tsbench.run.log.read import StoredRun, is_run, read_run
-from tsbench.run.plan import BOTH
+from tsbench.run.options import BOTH
 
 # What of a run's options chooses its scenarios, and what else may explain a difference.
 SELECTION = ("split", "types", "variants", "half", "limit", "scenarios")

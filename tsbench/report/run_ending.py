@@ -28,7 +28,7 @@ from tsbench.report.analyses.columns import NAMES, panels_of, present_panels
 from tsbench.report.wording import readable, sign_words
 from tsbench.run.log.read import StoredRun
 from tsbench.run.log.record import SPEC_COLUMNS
-from tsbench.run.plan import BOTH
+from tsbench.run.options import BOTH
 from tsbench.scenarios.spec import pair_type
 from tsbench.signs.countries import Artwork
 

@@ -19,7 +19,7 @@ from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.planners.registry import names, resolve
-from tsbench.run.plan import Request
+from tsbench.run.options import Request
 from tsbench.run.run_progress import ProgressWatcher
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader

@@ -27,7 +27,7 @@ from tsbench.report.compare_runs import SELECTION, differing
 from tsbench.run.log.manifest import marks_of
 from tsbench.run.log.read import StoredRun, read_run
 from tsbench.run.log.record import SPEC_COLUMNS
-from tsbench.run.plan import BOTH
+from tsbench.run.options import BOTH
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import CONTRAST, HALVES
 from tsbench.signs.rule_kinds import NEEDLESS
