@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from training_helpers import fresh_tuned, fresh_weights
 
-from tsbench.episode.observation import destination_on_map
+from tsbench.episode.observer import destination_on_map
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACTLY, Perception, load_level
 from tsbench.episode.runner import EpisodeRunner
