@@ -9,9 +9,8 @@ import numpy as np
 from planner_loop import Body, World, cones, constant, load
 
 from tsbench.learn.rl.ppo_planner import SIZE
-from tsbench.planners.base import Control, PlannerContext
+from tsbench.planners.base import Control, Observation, PlannerContext, SignView
 from tsbench.planners.lane_change import pursue_route
-from tsbench.planners.observation import Observation, SignView
 from tsbench.planners.weights import Tensors, save_weights
 from tsbench.roads.lane_graph import Destination
 from tsbench.sim.world import ActorKind

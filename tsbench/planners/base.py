@@ -1,5 +1,7 @@
 """The planner contract: what a planner is, is told and gives back, and how that is read. Units: m, s, m/s, rad.
 
+What it sees: `tsbench.planners.observation`.
+
 A planner is a class with `reset(context)` and `act(observation) -> Control | Trajectory`, or a function
 `observation -> Control`. The runner times it; nothing in here is written to by a planner.
 """
@@ -15,7 +17,7 @@ import numpy.typing as npt
 
 from tsbench.core.errors import PlannerOutputError, cause_of
 from tsbench.geometry.polyline import Array
-from tsbench.planners.observation import Observation
+from tsbench.planners.observation import Observation, SignView, true_world
 from tsbench.roads.lane_graph import Destination, MapGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.planner_map import PlannerMap
@@ -24,6 +26,10 @@ from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog, RuleSpec
 from tsbench.sim.ego import MAX_TRAJECTORY_POSES, Motion, check_trajectory, track
 
+__all__ = [
+    "Command", "Control", "Observation", "Plan", "Planner", "PlannerContext", "Privilege", "SignView", "Trajectory",
+    "to_command", "to_plan", "true_world",
+]  # fmt: skip
 Command = tuple[float, float]
 Plan = npt.NDArray[np.float32]
 _FARTHEST_M = 1e6

@@ -20,8 +20,7 @@ import numpy as np
 
 from tsbench.geometry.elementary import wrap
 from tsbench.geometry.polyline import Array, Polyline
-from tsbench.planners.base import PlannerContext
-from tsbench.planners.observation import Observation
+from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.speed_profile import PathSamples
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import MapLane, RoadMap

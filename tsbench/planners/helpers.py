@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from tsbench.planners.base import PlannerContext
+from tsbench.planners.base import Observation, PlannerContext, SignView
 from tsbench.planners.geometry import HALF_LENGTH_M, moving_ahead, obstacle_ahead
-from tsbench.planners.observation import Observation, SignView
 from tsbench.planners.speed_profile import PathSamples, speed_at, speed_profile
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import Crossing, MapLane, RoadMap

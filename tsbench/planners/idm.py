@@ -9,10 +9,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from tsbench.planners.base import Control, PlannerContext
+from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.geometry import HALF_LENGTH_M, moving_ahead, obstacle_ahead
 from tsbench.planners.lane_change import LaneChanges, follow
-from tsbench.planners.observation import Observation
 from tsbench.planners.speed_profile import PathSamples, speed_at, speed_profile
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.sim.scene import Obstacle

@@ -13,13 +13,12 @@ from dataclasses import replace
 from typing import ClassVar
 
 from tsbench.core.errors import InputError
-from tsbench.planners.base import Control, PlannerContext, Privilege
+from tsbench.planners.base import Control, Observation, PlannerContext, Privilege, SignView
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.experts.rules.constraint import slow_to
 from tsbench.planners.floor.guess import Blind
 from tsbench.planners.helpers import identified, sign_ahead
 from tsbench.planners.idm import Idm, IdmParameters
-from tsbench.planners.observation import Observation, SignView
 
 # Told places are off by a few metres along the road; no two posts of one scene that face the same way are nearer.
 _SAME_POST_M = 4.0

@@ -16,13 +16,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from tsbench.planners.base import Control, PlannerContext
+from tsbench.planners.base import Control, Observation, PlannerContext, SignView
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequirement, ObservedVehicle
 from tsbench.planners.experts.rules.gap_acceptance import COURTESY
 from tsbench.planners.experts.rules.right_of_way import RightOfWay
 from tsbench.planners.idm import Idm, IdmParameters
-from tsbench.planners.observation import Observation, SignView
 from tsbench.planners.reader import Reader
 from tsbench.sim.nuplan import quantile_speed
 

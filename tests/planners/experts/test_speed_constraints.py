@@ -7,10 +7,9 @@ from collections.abc import Callable
 import pytest
 from planner_loop import Body, World, constant, front_of, load, verdict
 
-from tsbench.planners.base import Planner
+from tsbench.planners.base import Planner, SignView
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
-from tsbench.planners.observation import SignView
 from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
 from tsbench.roads.lane_graph import Destination
 from tsbench.signs.annotations import SignInstance

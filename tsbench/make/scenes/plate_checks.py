@@ -22,18 +22,23 @@ PLATE_SIDE_M = (0.3, 3.0)
 _AGAINST, _ACROSS_M = -0.8, 60.0
 _FORBIDS_TURNS, _ORDERS_TURNS = "3.18.", "4.1."
 _NEVER_TOGETHER = ({"min_speed", "reserved_lane"}, {"manoeuvre", "one_way_exit", "roundabout"})
+# Places of a road that leads to a junction.
+_BEFORE_JUNCTIONS = {
+    "line", "priority", "choice", "shown", "enterable", "onward", "one_way_across", "ring", "lasting",
+}  # fmt: skip
 _MINOR, _MAJOR = ("2.4", "2.5"), ("2.1", "2.3.1", "2.3.2", "2.3.3")
 
 
 def refused(scene: PlacedPlates, plate: SignInstance) -> tuple[tuple[Place, str], ...]:
     """Each kind of place that a plate of a scene needs and does not have, with the reason; () where it can stand."""
     here = PlateHere(scene, plate)
-    answers = ((place, _CHECKS[place](here)) for place in here.sign.places)
+    asked = here.sign.places if here.ahead.junction else (p for p in here.sign.places if p not in _BEFORE_JUNCTIONS)
+    answers = ((place, _CHECKS[place](here)) for place in asked)
     return tuple((place, why) for place, why in answers if why)
 
 
 def _line(here: PlateHere) -> str:
-    if here.ahead.junction and here.ahead.distance > here.farthest:
+    if here.ahead.distance > here.farthest:
         return f"stands {here.ahead.distance:.0f} m before the line, at most {here.farthest:.0f} m"
     return ""
 
@@ -47,8 +52,6 @@ def _junction(here: PlateHere) -> str:
 
 
 def _priority(here: PlateHere) -> str:
-    if not here.ahead.junction:
-        return ""
     approach, minor = here.ahead.edges[-1], here.plate.code in _MINOR
     owed = here.scene.roads.gives_way_to(approach)
     if minor and not any(owed):
@@ -71,8 +74,6 @@ def _priority(here: PlateHere) -> str:
 
 
 def _choice(here: PlateHere) -> str:
-    if not here.ahead.junction:
-        return ""
     approach = here.ahead.edges[-1]
     turns = [here.scene.roads.graph.turn(approach, e) for e in here.scene.roads.ways_on(approach)]
     if len(turns) < 2:
@@ -86,8 +87,6 @@ def _choice(here: PlateHere) -> str:
 
 
 def _shown(here: PlateHere) -> str:
-    if not here.ahead.junction:
-        return ""
     approach, allowed = here.ahead.edges[-1], set(here.sign.rule.options["allowed"])
     there = {here.scene.roads.graph.turn(approach, e) for e in here.scene.roads.ways_on(approach)}
     shown = set(TURNS) - allowed if here.plate.code.startswith(_FORBIDS_TURNS) else allowed
@@ -114,8 +113,6 @@ def _open_road(here: PlateHere) -> str:
 
 
 def _enterable(here: PlateHere) -> str:
-    if not here.ahead.junction:
-        return ""
     approach, roads = here.ahead.edges[-1], here.scene.roads
     for edge in roads.ways_on(approach):
         if not (here.closing(edge) or any(here.lets(a, edge) for a in roads.ways_to(edge))):
@@ -124,7 +121,7 @@ def _enterable(here: PlateHere) -> str:
 
 
 def _onward(here: PlateHere) -> str:
-    if not here.ahead.junction or here.plate.role == TARGET:
+    if here.plate.role == TARGET:
         return ""
     approach, roads = here.ahead.edges[-1], here.scene.roads
     kept = roads.main_ways(approach) if here.at_target(_MINOR + _MAJOR) else set()
@@ -135,8 +132,6 @@ def _onward(here: PlateHere) -> str:
 
 
 def _one_way_across(here: PlateHere) -> str:
-    if not here.ahead.junction:
-        return ""
     onto, against = here.across
     if onto and here.at_target(ONE_WAY):
         # That road has lanes both ways in both halves, and no vehicle uses it.
@@ -269,9 +264,7 @@ def _crossing(here: PlateHere) -> str:
 
 
 def _ring(here: PlateHere) -> str:
-    if not here.ahead.junction or here.scene.roads.leads_to_ring(here.ahead.edges[-1]):
-        return ""
-    return "no ring is there"
+    return "" if here.scene.roads.leads_to_ring(here.ahead.edges[-1]) else "no ring is there"
 
 
 def _alone(here: PlateHere) -> str:
@@ -320,8 +313,7 @@ def _own_direction(here: PlateHere) -> str:
 
 
 def _lasting(here: PlateHere) -> str:
-    least = here.scene.table.distances.zone_m
-    short = bool(here.ahead.junction) and here.ahead.distance < least
+    short = here.ahead.distance < here.scene.table.distances.zone_m
     return f"stands {here.ahead.distance:.0f} m before the junction where it ends" if short else ""
 
 

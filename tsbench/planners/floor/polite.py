@@ -9,10 +9,9 @@ import math
 
 import numpy as np
 
-from tsbench.planners.base import PlannerContext
+from tsbench.planners.base import Observation, PlannerContext
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
 from tsbench.planners.geometry import HALF_LENGTH_M
-from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import ActorKind

@@ -21,7 +21,7 @@ from tsbench.core.parquet import values_of
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.trace import trace_path
 from tsbench.metrics.aggregate import PlannerSummary, Summary, label, name_holes, summarise
-from tsbench.metrics.scd_records import Records, split_records
+from tsbench.metrics.records import Records, split_records
 from tsbench.report.analyses.columns import in_published_order
 from tsbench.report.compare_runs import SELECTION, differing
 from tsbench.run.log.manifest import marks_of

@@ -9,13 +9,12 @@ import math
 from dataclasses import dataclass
 
 from tsbench.geometry.overlap import ConflictZone
-from tsbench.planners.base import Privilege
+from tsbench.planners.base import Observation, Privilege, true_world
 from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequirement, ObservedVehicle
 from tsbench.planners.experts.rules.constraint import FREE, slow_to
 from tsbench.planners.experts.rules.way_through import WayThrough, crossing
 from tsbench.planners.geometry import HALF_LENGTH_M, first_contact, moving_ahead
 from tsbench.planners.idm import IdmParameters, free_road
-from tsbench.planners.observation import Observation, true_world
 from tsbench.planners.speed_profile import PathSamples, speed_at, speed_profile
 from tsbench.roads.junction_paths import JunctionPath
 from tsbench.roads.lane_graph import RoutePath

@@ -9,12 +9,11 @@ from __future__ import annotations
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 
-from tsbench.planners.base import Privilege
+from tsbench.planners.base import Observation, Privilege
 from tsbench.planners.experts.rules.conflict_check import GapRequirement
 from tsbench.planners.experts.rules.constraint import FREE
 from tsbench.planners.experts.rules.gap_acceptance import COURTESY, Yielding
 from tsbench.planners.experts.rules.way_through import paths_through
-from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.planner_map import PlannerMap
 from tsbench.sim.navigation import RouteView
