@@ -73,16 +73,10 @@ class Observer:
             o for o in self._obstacles if math.hypot(o.x - ego.x, o.y - ego.y) <= OBSTACLE_RANGE_M
         )
         return Observation(
-            step=k,
-            time=snapshot.time,
-            ego=seen,
-            history=history,
-            route=route,
-            actors=self._traffic_view.see(snapshot.actors, ego),
-            signs=tuple(signs),
-            obstacles=obstacles,
+            step=k, time=snapshot.time, ego=seen, history=history, route=route,
+            actors=self._traffic_view.see(snapshot.actors, ego), signs=tuple(signs), obstacles=obstacles,
             truth=snapshot if self._privileged else None,
-        )
+        )  # fmt: skip
 
     def _exactly(self, ego: EgoState) -> list[SignView]:
         """All plates, those that have not faced the ego yet from behind; what is read once is known from then on."""
@@ -128,18 +122,9 @@ def _plate(view: PlannerMap, scene: Scene, sign: SignInstance, main_road: tuple[
             lane = view.map.lanes[at].order if at >= 0 else -1
     outline = scene.catalog.sign(sign.code).outline
     return SignView(
-        code=sign.code,
-        value=sign.value,
-        x=sign.x,
-        y=sign.y,
-        heading=sign.heading,
-        edge=edge,
-        lane=lane,
-        position_m=s,
-        distance=math.inf,
-        outline=outline,
-        main_road=main_road,
-    )
+        code=sign.code, value=sign.value, x=sign.x, y=sign.y, heading=sign.heading, edge=edge, lane=lane,
+        position_m=s, distance=math.inf, outline=outline, main_road=main_road,
+    )  # fmt: skip
 
 
 def _lane_id(view: PlannerMap, lane: int) -> str:

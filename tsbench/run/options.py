@@ -32,12 +32,12 @@ _QUIET = ("city", "isolate")
 
 
 @dataclass(frozen=True)
-class Request:
-    """The options that choose episodes, as asked for.
+class RunOptions:
+    """Everything that `tsbench run` takes; a new option is one field. The first six choose episodes.
 
     planners: specs in the order given. types: ids and group names of types of pairs (a row without a pair counts as
-    one), empty = all. limit: scenarios for each planner, None = all. variants: one of VARIANTS. half: one of
-    WHICH_HALVES.
+    one), empty = all. limit: scenarios for each planner, None = all. out: None = a name below `runs/`.
+    limits: of workers, beside `memory_limit`; for tests, as `runner`, what runs an episode in a worker.
     """
 
     planners: tuple[str, ...] = option("planners", "Planner to run")
@@ -63,16 +63,6 @@ class Request:
         choices=WHICH_HALVES,
         decides=True,
     )
-
-
-@dataclass(frozen=True)
-class RunOptions(Request):
-    """Everything that `tsbench run` takes; a new option is one field.
-
-    out: None = a name below `runs/`.
-    limits: of workers, beside `memory_limit`; for tests, as `runner`, what runs an episode in a worker.
-    """
-
     city: str = option("city", "", OWN_CITY, asked=False, decides=True)
     workers: int | None = option("count", "Cores to use.", None, shown="all")
     memory_limit: float = option(

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.core.errors import InputError
-from tsbench.run.options import BOTH, DRAWN, VARIANTS, WHICH_HALVES, Request
+from tsbench.run.options import BOTH, DRAWN, VARIANTS, WHICH_HALVES, RunOptions
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import known_map_ids
 from tsbench.scenarios.spec import ScenarioSpec
@@ -28,14 +28,14 @@ class RunPlan:
     rows, in the order of their ids. types: ids of the chosen types, in the catalogue's order.
     """
 
-    request: Request
+    request: RunOptions
     data: DataSet
     table: tuple[ScenarioSpec, ...]
     scenarios: tuple[ScenarioSpec, ...]
     types: tuple[str, ...]
 
 
-def make_plan(request: Request, data: DataSet) -> RunPlan:
+def make_plan(request: RunOptions, data: DataSet) -> RunPlan:
     """The selection. Raises InputError (one line) for whatever is asked for and not there."""
     if not request.planners:
         raise InputError("--planner: name at least one (tsbench planners list shows them)")
