@@ -27,6 +27,8 @@ from tsbench.signs.catalog import load_catalog
         ("signs/2.1.yaml", "places: [junction, line, priority, open_road]\n", "", "places: is missing"),
         ("signs/2.1.yaml", "places: [junction,", "places: [road_speed,", "places: road_speed: the sign sets no value"),
         ("signs/3.24.yaml", "places: [road_speed,", "places: [begin,", "places: begin: the sign ends no other"),
+        ("signs/3.24.yaml", "places: [road_speed, ", "places: [", "speeds: go with the place road_speed"),
+        ("signs/3.24.yaml", "living_street: [20]", "living_street: [25]", "speeds: living_street: the sign sets no 25"),
         ("signs/5.19.yaml", "places: [crossing,", "places: [choice,", "places: choice: its rule permits no turns"),
         ("signs/2.1.yaml", '["2.4"]', '["2.9"]', "context: '2.9' is no sign"),
         ("signs/2.4.yaml", "[T, X]", "[T, T]", "maps: shapes: 'T' stands twice"),

@@ -17,7 +17,6 @@ from tsbench.roads.lane_graph import LaneGraph
 from tsbench.signs.annotations import ALL_LANES, DISTRACTOR, SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.model import Place
-from tsbench.signs.places import load_places
 from tsbench.sim.scene import Obstacle
 
 Case = dict[str, Any]
@@ -34,7 +33,7 @@ def placed_cases(word: str) -> list[tuple[str, str]]:
 
 
 def placed(case: Case) -> PlacedPlates:
-    roads, table = network(case["net"]), load_places()
+    roads, catalog = network(case["net"]), load_catalog()
 
     def plate(number: int, code: str, edge: str, s: float, more: Case | None = None) -> SignInstance:
         given = more or {}
@@ -56,8 +55,8 @@ def placed(case: Case) -> PlacedPlates:
         return Obstacle(f"obstacle_{number}", "island", x, y, line.heading_at(s), 4.0, 1.6, lane)
 
     return PlacedPlates(
-        load_catalog(),
-        PlateRoads(graph=LaneGraph(roads), distances=table.distances),
+        catalog,
+        PlateRoads(graph=LaneGraph(roads), distances=catalog.distances),
         tuple(plate(k, *given) for k, given in enumerate(case["plates"])),
         tuple(obstacle(k, *given) for k, given in enumerate(case.get("obstacles", ()))),
         tuple(vehicle(k, *given) for k, given in enumerate(case.get("vehicles", ()))),

@@ -29,7 +29,6 @@ from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.catalog import Catalog
 from tsbench.signs.contrast import ContrastClause, SlowZoneParams
-from tsbench.signs.places import load_places
 from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
@@ -41,7 +40,7 @@ _ROOM_M = 2.0
 
 def can_post(recipe: Recipe, row: PoolRow, code: str, value: float) -> bool:
     """Can a plate set this value on a road of the map's class?"""
-    sign, allowed = recipe.catalog.sign(code), load_places().allowed_speeds(road_class=row.road_class, code=code)
+    sign, allowed = recipe.catalog.sign(code), recipe.catalog.allowed_speeds(road_class=row.road_class, code=code)
     value = sign.effective_value(value) or value
     return "road_speed" not in sign.places or allowed is None or value in allowed
 

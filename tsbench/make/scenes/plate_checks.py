@@ -47,7 +47,7 @@ def _junction(here: PlateHere) -> str:
     if not here.ahead.junction:
         return "its road leads to no junction: it faces traffic that leaves"
     swerve = here.scene.roads.swerve(here.ahead.junction)
-    most = here.scene.table.distances.swerve_deg
+    most = here.scene.catalog.distances.swerve_deg
     return f"straight on swerves by {swerve:.0f} degrees at its junction" if swerve > most else ""
 
 
@@ -183,7 +183,7 @@ def _has_lane_against(network: RoadNetwork, name: str) -> bool:
 
 
 def _mouth(here: PlateHere) -> str:
-    most = here.scene.table.distances.mouth_m
+    most = here.scene.catalog.distances.mouth_m
     behind = here.scene.roads.back(edge=here.plate.edge, s=here.plate.position_m)
     if not behind.junction:
         return "no junction is behind it"
@@ -231,7 +231,7 @@ def _begin(here: PlateHere) -> str:
             if last.value != plate.value:
                 return f"the {begin} before it sets {last.value or 0:g} km/h"
             long = distance - last.position_m
-            return "" if long >= here.scene.table.distances.zone_m else f"the {begin} stands {long:.0f} m before it"
+            return "" if long >= here.scene.catalog.distances.zone_m else f"the {begin} stands {long:.0f} m before it"
     if any(p.code == begin and p.value == plate.value and here.is_before(p) for p in here.scene.plates):
         return f"its {begin} stands behind it"
     if behind.junction and here.scene.catalog.sign(begin).rule.ends_at_junction:
@@ -241,7 +241,7 @@ def _begin(here: PlateHere) -> str:
 
 def _road_speed(here: PlateHere) -> str:
     road = here.scene.roads.network.edges[here.plate.edge].road_class
-    allowed = here.scene.table.allowed_speeds(road_class=road, code=here.sign.ends or here.plate.code)
+    allowed = here.scene.catalog.allowed_speeds(road_class=road, code=here.sign.ends or here.plate.code)
     value = here.sign.effective_value(here.plate.value)
     if allowed is None or value in allowed:
         return ""
@@ -287,7 +287,7 @@ def _both_ways(here: PlateHere) -> str:
         return ""
     signs = here.scene.catalog.signs
     wanted = here.sign.ends or next((word for word in here.sign.rule.ended_by if word in signs), plate.code)
-    most = here.scene.table.distances.beside_m
+    most = here.scene.catalog.distances.beside_m
     cos, sin = math.cos(plate.heading), math.sin(plate.heading)
     for other in here.scene.plates:
         if (other.code, other.value) == (wanted, plate.value):
@@ -313,7 +313,7 @@ def _own_direction(here: PlateHere) -> str:
 
 
 def _lasting(here: PlateHere) -> str:
-    short = here.ahead.distance < here.scene.table.distances.zone_m
+    short = here.ahead.distance < here.scene.catalog.distances.zone_m
     return f"stands {here.ahead.distance:.0f} m before the junction where it ends" if short else ""
 
 
