@@ -17,7 +17,7 @@ from tsbench.api.evaluate import spec_of
 from tsbench.cli.run import run as command
 from tsbench.core.errors import InputError
 from tsbench.run.arguments import from_python, number_of, type_words, whole_number
-from tsbench.run.run_options import RunOptions
+from tsbench.run.options import RunOptions
 
 SCRIPT = """
 import tsbench

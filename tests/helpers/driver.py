@@ -27,7 +27,7 @@ import tsbench.cli
 import tsbench.cli.run as command
 from tsbench.run.execution.executor import Limits
 from tsbench.run.log.journal import Journal
-from tsbench.run.run_options import RunOptions
+from tsbench.run.options import RunOptions
 
 # Nothing but what sleeps for ever is as slow as this, on the busiest machine.
 LIMITS = dict.fromkeys(("call", "first_call", "phase", "start"), HANG_S)

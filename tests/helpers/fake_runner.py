@@ -10,9 +10,9 @@ import episode_builders
 import numpy as np
 
 from tsbench.core.errors import PlannerOutputError, cause_of
-from tsbench.episode.observation import to_command
 from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.perception_level import Perception
+from tsbench.planners.base import to_command
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec

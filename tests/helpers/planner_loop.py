@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsbench.episode.observation import ego_on_map
+from tsbench.episode.observer import ego_on_map
 from tsbench.episode.traffic_view import TrafficView
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.geometry.polyline import Polyline

@@ -11,7 +11,7 @@ from scipy.stats import binom
 from table_builders import random_rows, records, row
 
 from tsbench.core.errors import InputError
-from tsbench.metrics.episode_metrics import METRICS, SCD
+from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.intervals import ClusterBootstrap
 from tsbench.metrics.paired_differences import (
     Comparison,
@@ -25,6 +25,7 @@ from tsbench.metrics.paired_differences import (
     mcnemar_p,
     mcnemar_power,
 )
+from tsbench.metrics.scd import SCD
 
 COMFORT = METRICS["comfort"]
 

@@ -12,7 +12,8 @@ from run_helpers import specs
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_root
 from tsbench.run.execution.messages import Task, TaskQueue
-from tsbench.run.plan import Request, RunPlan, choose_variants, make_plan
+from tsbench.run.options import RunOptions
+from tsbench.run.plan import RunPlan, choose_variants, make_plan
 from tsbench.scenarios.data_set import DataSet, write_table
 from tsbench.signs.catalog import load_catalog
 
@@ -21,7 +22,7 @@ from tsbench.signs.catalog import load_catalog
 def plan_of(data: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("TSBENCH_DATA", str(data))
     data_root.cache_clear()
-    yield lambda **options: make_plan(Request(("idm",), "test", **options), DataSet())
+    yield lambda **options: make_plan(RunOptions(("idm",), "test", **options), DataSet())
     data_root.cache_clear()
 
 
@@ -74,7 +75,7 @@ def test_one_of_each_type_is_one_of_those_of_its_maps(plan_of) -> None:
 
 
 def test_a_quick_look_at_dev_has_both_halves_of_a_pair_of_each_type() -> None:
-    rows = make_plan(Request(("idm",), "dev", variants="one-per-type"), DataSet()).scenarios
+    rows = make_plan(RunOptions(("idm",), "dev", variants="one-per-type"), DataSet()).scenarios
     pairs = {row.pair_type: row.pair_name for row in rows}
     assert len(pairs) == len({row.pair_name for row in rows}) == len(load_catalog().types)
     dev = [row for row in DataSet().table("dev") if row.pair_name in pairs.values()]

@@ -149,3 +149,12 @@ def test_a_plate_that_the_catalogue_does_not_expect_is_refused(catalog: Catalog)
         InputError, match=r"row: plate 'a' is 2.4, in a scene of 2.5 may stand 2.5, 2.1 \(context: in .*2.5.yaml"
     ):
         catalog.check_plates("2.5", {plate.id: plate.code}, "row")
+
+
+def test_a_ramp_has_the_speeds_of_its_road() -> None:
+    ramp, road = (
+        load_catalog().allowed_speeds(road_class=f"highway.{name}", code="5.31") for name in ("primary_link", "primary")
+    )
+    assert ramp == road == (40.0, 50.0)
+    assert load_catalog().allowed_speeds(road_class="highway.primary", code="5.21") == ()
+    assert load_catalog().allowed_speeds(road_class="", code="5.21") is None

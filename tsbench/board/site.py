@@ -18,7 +18,7 @@ from tsbench.board.submission import Figure, Submission
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.episode.perception_level import EXACT
-from tsbench.metrics.scd_records import PAIRED, PARTS, SIGNED_ONES
+from tsbench.metrics.scd import NAMES, PAIRED, PARTS, SIGNED_ONES
 from tsbench.report.page.page_format import render_page
 from tsbench.report.page.report_page import PLAYER_SCRIPTS
 from tsbench.run.plan import choose_types
@@ -163,7 +163,7 @@ def _cities(own: Sequence[BoardRow]) -> list[tuple[str, Markup]]:
 
 
 def _primary_name(rows: Sequence[BoardRow]) -> str:
-    return "paired SCD" if all(row.figure(PAIRED) for row in rows) else "signed SCD"
+    return NAMES[PAIRED if all(row.figure(PAIRED) for row in rows) else SIGNED_ONES]
 
 
 def _planner_page(own: Sequence[BoardRow], sets: dict[Compared, list[BoardRow]], players: int) -> str:

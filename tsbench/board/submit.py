@@ -12,7 +12,7 @@ from tsbench.episode.trace import trace_path
 from tsbench.run.edition import LOCAL
 from tsbench.run.log.manifest import city_of, plain_perception, planners_of
 from tsbench.run.log.read import StoredRun, read_run
-from tsbench.run.plan import BOTH
+from tsbench.run.options import BOTH
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.run.rescore import rescore
 

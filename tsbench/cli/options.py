@@ -17,8 +17,8 @@ from tsbench.planners.registry import names as registered
 from tsbench.run.arguments import Option as Known
 from tsbench.run.arguments import options_in
 from tsbench.run.log.manifest import city_of, read_manifest
+from tsbench.run.options import RunOptions
 from tsbench.run.plan import choose_types, types_and_groups
-from tsbench.run.run_options import RunOptions
 from tsbench.scenarios.data_set import SPLITS, DataSet
 from tsbench.signs.countries import Country, load_country
 

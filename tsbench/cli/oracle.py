@@ -20,7 +20,7 @@ from tsbench.learn.oracle.select import select as select_drives
 from tsbench.learn.oracle.select import stats as stats_of
 from tsbench.learn.oracle.select import verify as verify_drives
 from tsbench.learn.oracle.trajectories import trajectories_path
-from tsbench.run.plan import Request
+from tsbench.run.options import RunOptions
 from tsbench.run.run_progress import ProgressWatcher
 from tsbench.scenarios.data_set import DataSet
 
@@ -38,7 +38,7 @@ def oracle() -> None:
 @_split
 @options.types
 @options.limit("Scenarios: types in turn, nominal first; of one per map, drawn at random.")
-@options.one_of(Request, "variants")
+@options.one_of(RunOptions, "variants")
 @options.planners("Expert to drive; default: all that are registered")
 @options.count(
     "--learned-variants",
@@ -69,7 +69,7 @@ def collect(
 
     Exit codes: 0 complete, 1 with drives that broke off, 2 wrong usage or bad input, 130 interrupted.
     """
-    request = Request(planners or experts(), split, types, limit, variants)
+    request = RunOptions(planners or experts(), split, types, limit, variants)
     asked = CollectOptions(request=request, tries=tries, **others)
     found = collect_drives(data, asked, ProgressWatcher(progress_console()))
     _tell(found, tries)

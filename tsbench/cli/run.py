@@ -1,4 +1,4 @@
-"""`tsbench run` and `tsbench rescore`."""
+"""`tsbench run` (each option is a field of `run/options.py`) and `tsbench rescore`."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from tsbench.report.run_ending import citation, examples, headline
 from tsbench.run.listener import listeners_of
 from tsbench.run.log.folder import TABLES_TEXT
 from tsbench.run.log.read import read_run, write_rescored
-from tsbench.run.run_options import RunOptions
+from tsbench.run.options import RunOptions
 from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import RunResult
 from tsbench.run.session import run as run_session

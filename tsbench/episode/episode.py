@@ -11,10 +11,10 @@ import numpy as np
 
 from tsbench.core.errors import InputError, PlannerOutputError, SimulationError, cause_in_planner, cause_of
 from tsbench.core.seeds import floor_seed, planner_seed
-from tsbench.episode.observation import Observer, Plan, destination_on_map, ego_on_map, to_command, to_plan
+from tsbench.episode.observer import Observer, destination_on_map, ego_on_map
 from tsbench.episode.outcome import EpisodeFacts, EpisodeResult, Outcome, Phase, TerminationCheck
 from tsbench.episode.perception_level import EXACTLY, Perception
-from tsbench.planners.base import Control, Observation, PlannerContext, Privilege, Trajectory
+from tsbench.planners.base import Control, Observation, Plan, PlannerContext, Privilege, Trajectory, to_command, to_plan
 from tsbench.rules.monitors import make_monitors
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import Roads, SceneLoader

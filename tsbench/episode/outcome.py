@@ -14,11 +14,11 @@ from dataclasses import dataclass, field
 from enum import IntEnum, StrEnum
 
 from tsbench.core.benchmark import ARRIVAL_M
-from tsbench.episode.observation import Plan
 from tsbench.episode.perception import SignDetection
 from tsbench.geometry.elementary import wrap
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.geometry.polyline import Array
+from tsbench.planners.base import Plan
 from tsbench.rules.monitor import Monitor, Verdict, Violation
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.navigation import RouteView

@@ -24,11 +24,12 @@ from tsbench.core.files import replacing
 from tsbench.core.parquet import OSM_LICENCE, check_size
 from tsbench.core.text import one_line
 from tsbench.core.typed import typed
-from tsbench.episode.observation import Plan, destination_on_map, ego_on_map
+from tsbench.episode.observer import destination_on_map, ego_on_map
 from tsbench.episode.outcome import Contact, EpisodeFacts, EpisodeResult, Outcome, counted_against
 from tsbench.episode.perception import SignDetection
 from tsbench.episode.trace_columns import PLAN, SCHEMA, plan_of_each_tick, plans_of, snapshots_of, table_of
 from tsbench.geometry.polyline import Array
+from tsbench.planners.base import Plan
 from tsbench.roads.planner_map import PlannerMap
 from tsbench.rules.monitor import Verdict, Violation
 from tsbench.scenarios.spec import MOST_TICKS, ScenarioSpec

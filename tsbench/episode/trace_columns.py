@@ -10,8 +10,8 @@ import numpy.typing as npt
 import pyarrow as pa
 
 from tsbench.core.parquet import columns, fields_of
-from tsbench.episode.observation import Plan
 from tsbench.geometry.polyline import Array
+from tsbench.planners.base import Plan
 from tsbench.sim.world import Actors, ActorTable, EgoState, WorldSnapshot
 
 _EGO = tuple((column.name, column.type) for column in fields_of(EgoState))

@@ -19,9 +19,10 @@ from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.breakdown import Mask, Scores, StrictAndCompleted, break_down
-from tsbench.metrics.episode_metrics import METRICS, Metric
+from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.intervals import LEVEL, ClusterBootstrap, Estimate, sums_by_cluster
-from tsbench.metrics.scd_records import Records, split_records
+from tsbench.metrics.metric import Metric
+from tsbench.metrics.records import Records, split_records
 from tsbench.scenarios.data_set import DataSet
 
 SUMMARY_SCHEMA = 4

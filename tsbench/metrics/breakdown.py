@@ -13,8 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array
-from tsbench.metrics.episode_metrics import METRICS, SCD, Metric
-from tsbench.metrics.scd_records import PARTS, Records
+from tsbench.metrics.episode_metrics import METRICS
+from tsbench.metrics.metric import Metric
+from tsbench.metrics.records import Records
+from tsbench.metrics.scd import PARTS, SCD
 
 STRICT, COMPLETED = "strict", "completed"
 

@@ -1,51 +1,29 @@
 """Every metric of an episode, declared once: its column and meaning, its measurement, and what a summary makes of it.
 
 The schema of the records, the summary, the tables and docs/metrics.md follow from `EPISODE_METRICS`. This file also
-measures progress, the driving score, and the flags that do not end an episode (stuck, hard braking, overspeed).
+measures the driving score, and the flags that do not end an episode (stuck, hard braking, overspeed).
 Source: docs/metrics.md. Units: m, s, m/s, rad.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from collections.abc import Mapping
 
 import numpy as np
 import numpy.typing as npt
 
-from tsbench.episode.outcome import EpisodeFacts, Outcome
+from tsbench.episode.outcome import EpisodeFacts
 from tsbench.metrics.comfort import LONGITUDINAL_MPS2, comfort
 from tsbench.metrics.interaction import efficiency, min_pet, min_ttc
-from tsbench.metrics.tracks import Tracks, tracks_of
+from tsbench.metrics.metric import Metric, MetricInput, Number
+from tsbench.metrics.scd import SCD
+from tsbench.metrics.tracks import Tracks
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S, EGO_LENGTH_M
 
 CONTACT_FACTOR = 0.5
 OFF_ROAD_FACTOR = 0.7
 VIOLATION_FACTOR = 0.9
-
-
-def route_completion(facts: EpisodeFacts, tracks: Tracks) -> float:
-    """Progress along the way driven to the destination, 0-100 %.
-
-    The whole way is what was driven and what was left of the route at the end, so that an obedient detour
-    counts as much as the shortest way. Where no route leads on, the way up to the place where the ego left
-    its last route counts, as a share of the way at the start.
-    """
-    if facts.outcome is Outcome.ARRIVED:
-        return 100.0
-    route = facts.route
-    if math.isinf(route.remaining):
-        left = max(route.path.destination_s - route.s, 0.0)
-        share = 1.0 - left / facts.start_remaining_m if facts.start_remaining_m > 0.0 else 0.0
-    else:
-        driven = float(np.hypot(np.diff(tracks.x), np.diff(tracks.y)).sum())
-        whole = driven + route.remaining
-        share = driven / whole if whole > 0.0 else 0.0
-    return 100.0 * min(max(float(share), 0.0), 1.0)
 
 
 def driving_score(completion: float, contact: bool, off_road: bool, violations: int) -> float:
@@ -113,73 +91,6 @@ def _longest(mask: _Mask) -> int:
     return int(runs.max()) if len(runs) else 0
 
 
-Number = bool | int | float | str | None
-
-
-def is_scd(facts: EpisodeFacts) -> bool:
-    """SCD of an episode: arrived, the target's rule kept, nothing obeyed needlessly, and never the wrong way."""
-    return facts.outcome is Outcome.ARRIVED and facts.obeyed
-
-
-class MetricInput:
-    """An episode that has ended, with what several metrics share. Raises ValueError for one without a tick."""
-
-    def __init__(self, facts: EpisodeFacts) -> None:
-        if not facts.snapshots:
-            raise ValueError("an episode without a tick has no metrics")
-        self.facts, self.target, self.contact, self.scene = facts, facts.target, facts.contact, facts.scene
-        self.tracks: Tracks = tracks_of(facts.snapshots)
-        self.steps = facts.snapshots[-1].step
-        self.arrived = facts.outcome is Outcome.ARRIVED
-        self.off_road = facts.outcome is Outcome.OFF_ROAD
-        self.events = sum(len(verdict.violations) for verdict in (facts.target, *facts.others))
-
-    @cached_property
-    def completion(self) -> float:
-        return route_completion(self.facts, self.tracks)
-
-    def first(self, field: str) -> Any:
-        """A field of the first event that counts against SCD, None without one."""
-        return getattr(self.facts.against[0], field) if self.facts.against else None
-
-
-@dataclass(frozen=True, slots=True)
-class Metric:
-    """One figure of an episode; None where it does not apply, never a made-up zero.
-
-    column, kind, meaning: of the records; of: measures it.
-    name: in summaries, "" for what is in none. unit, scale: there, and the factor that leads to it. failure: what an
-    error outcome counts as in the strict figure; None where it has no such value and only completed episodes count.
-    head: short name in the main table, "" for what is not in it. about_rule: no conventional metric of driving.
-    """
-
-    column: str
-    kind: type
-    of: Callable[[MetricInput], Number]
-    meaning: str
-    name: str = ""
-    unit: str = ""
-    scale: float = 1.0
-    failure: float | None = None
-    head: str = ""
-    about_rule: bool = False
-
-    @property
-    def binary(self) -> bool:
-        return self.kind is bool
-
-
-SCD = Metric(
-    "scd",
-    bool,
-    lambda e: is_scd(e.facts),
-    "compliant and arrived, never the wrong way, and in a contrast scene nothing obeyed needlessly: the primary "
-    "metric; false for an error outcome",
-    unit="%",
-    scale=100.0,
-    failure=0.0,
-    about_rule=True,
-)
 # In the order of the records' columns.
 EPISODE_METRICS = (
     Metric(

@@ -21,7 +21,6 @@ import pyarrow.compute as pc
 from tsbench.core.errors import InputError
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.breakdown import Mask, Scores, StrictAndCompleted, break_down
-from tsbench.metrics.episode_metrics import SCD, Metric
 from tsbench.metrics.intervals import (
     LEVEL,
     MIN_CLUSTERS,
@@ -31,7 +30,9 @@ from tsbench.metrics.intervals import (
     share_interval,
     sums_by_cluster,
 )
-from tsbench.metrics.scd_records import Records, split_records
+from tsbench.metrics.metric import Metric
+from tsbench.metrics.records import Records, split_records
+from tsbench.metrics.scd import SCD
 
 ALPHA = 1 - LEVEL
 POWER = 0.8

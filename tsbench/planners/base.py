@@ -1,4 +1,6 @@
-"""The planner contract: what a planner sees, and what it gives back. Units: m, s, m/s, rad.
+"""The planner contract: what a planner is, is told and gives back, and how that is read. Units: m, s, m/s, rad.
+
+What it sees: `tsbench.planners.observation`.
 
 A planner is a class with `reset(context)` and `act(observation) -> Control | Trajectory`, or a function
 `observation -> Control`. The runner times it; nothing in here is written to by a planner.
@@ -8,19 +10,29 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
-from tsbench.core.errors import InputError
+import numpy as np
+import numpy.typing as npt
+
+from tsbench.core.errors import PlannerOutputError, cause_of
 from tsbench.geometry.polyline import Array
+from tsbench.planners.observation import Observation, SignView, true_world
 from tsbench.roads.lane_graph import Destination, MapGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.planner_map import PlannerMap
 from tsbench.roads.road_map import RoadMap
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog, RuleSpec
-from tsbench.sim.navigation import RouteView
-from tsbench.sim.scene import Obstacle
-from tsbench.sim.world import Agents, EgoState, WorldSnapshot
+from tsbench.sim.ego import MAX_TRAJECTORY_POSES, Motion, check_trajectory, track
+
+__all__ = [
+    "Command", "Control", "Observation", "Plan", "Planner", "PlannerContext", "Privilege", "SignView", "Trajectory",
+    "to_command", "to_plan", "true_world",
+]  # fmt: skip
+Command = tuple[float, float]
+Plan = npt.NDArray[np.float32]
+_FARTHEST_M = 1e6
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,67 +61,6 @@ class Trajectory:
     times: Array
     poses: Array
     intent: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class SignView:
-    """A sign as a planner sees it. With masked signs it is `masked`: an anonymous object.
-
-    code: of the catalogue, "" where the ego has seen its back only (`from_behind`). value: the number that it sets
-    (km/h), None where it sets none. x, y: where the post stands. heading: direction of travel of the traffic that it
-    faces. edge, lane (order, -1 = all lanes) and position_m: whose traffic it addresses, and how far along its edge it
-    stands. distance: m from the ego's centre in a straight line. outline: the plate's shape, from the front and from
-    behind: octagon, inverted_triangle, diamond, triangle, circle or rectangle. main_road: the plate 8.13 beneath it:
-    the two directions in which the main road leads from the junction, rad to the left of straight on, the approach
-    itself at pi; () where none hangs there.
-    """
-
-    code: str
-    value: float | None
-    x: float
-    y: float
-    heading: float
-    edge: str
-    lane: int
-    position_m: float
-    distance: float
-    outline: str = ""
-    main_road: tuple[float, ...] = ()
-
-    def masked(self) -> SignView:
-        """What is left of it where identity is hidden: where it stands, and which way it faces."""
-        return SignView(
-            code="", value=None, x=self.x, y=self.y, heading=self.heading, edge="", lane=-1, position_m=math.nan,
-            distance=self.distance,
-        )  # fmt: skip
-
-    def from_behind(self) -> SignView:
-        """What is seen of it from behind: where it stands, which way it faces, and its outline."""
-        return SignView(
-            code="", value=None, x=self.x, y=self.y, heading=self.heading, edge=self.edge, lane=-1,
-            position_m=self.position_m, distance=self.distance, outline=self.outline,
-        )  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class Observation:
-    """Everything that a planner may see at one tick. Lanes and edges are those of the map.
-
-    ego: own state; history: (h, 4) x, y, heading, speed of the ego's centre at the last ticks, oldest first, the
-    present last: one row at the first tick, 20 from the twentieth on.
-    route: navigation path and the ego's place on it. actors: road users within range. signs: plates within range,
-    nearest first. obstacles: fixed things within range. truth: the world as it is, for experts only, else None.
-    """
-
-    step: int
-    time: float
-    ego: EgoState
-    history: Array
-    route: RouteView
-    actors: Agents
-    signs: tuple[SignView, ...]
-    obstacles: tuple[Obstacle, ...]
-    truth: WorldSnapshot | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,13 +98,6 @@ class PlannerContext:
     privilege: Privilege | None = None
 
 
-def true_world(observation: Observation) -> WorldSnapshot:
-    """The world as experts see it. Raises InputError for other planners."""
-    if observation.truth is None:
-        raise InputError("Observation.truth is for planners with privileged = True")
-    return observation.truth
-
-
 @runtime_checkable
 class Planner(Protocol):
     """What the runner calls.
@@ -167,3 +111,83 @@ class Planner(Protocol):
 
     def act(self, observation: Observation) -> Control | Trajectory:
         """One command for the next 0.1 s."""
+
+
+def to_command(output: object, motion: Motion, network: RoadMap) -> tuple[Command, tuple[str, ...]]:
+    """((acceleration, steering), intent) of a planner's output. Raises PlannerOutputError with what is wrong."""
+    try:
+        if isinstance(output, Control):
+            return _numbers(output), _intent(output.intent, network)
+        if isinstance(output, Trajectory):
+            return _tracked(output, motion), _intent(output.intent, network)
+    except (PlannerOutputError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        # A number of the planner's own making may raise what it likes.
+        raise PlannerOutputError(f"{type(output).__name__} cannot be read ({cause_of(error)})") from error
+    raise PlannerOutputError(f"act returned {type(output).__name__}, expected Control or Trajectory")
+
+
+def to_plan(output: Any) -> Plan | None:
+    """Where the ego means to drive, (k, 2), by a Control or Trajectory; None where it tells nothing.
+
+    A plain array of our own: what the planner does with its own later changes nothing. Raises PlannerOutputError.
+    """
+    name = "Trajectory.poses" if isinstance(output, Trajectory) else "Control.plan"
+    try:
+        points = output.poses[:, :2] if isinstance(output, Trajectory) else output.plan
+        if points is None:
+            return None
+        _check_array(name, points)
+        if points.ndim != 2 or points.shape[1] != 2 or len(points) > MAX_TRAJECTORY_POSES:
+            raise PlannerOutputError(f"{name} has shape {points.shape}, expected (k, 2)")
+        if np.isnan(points).any():
+            raise PlannerOutputError(f"{name} holds NaN")
+        return np.array(np.clip(points, -_FARTHEST_M, _FARTHEST_M), dtype=np.float32, subok=False)
+    except (PlannerOutputError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        raise PlannerOutputError(f"{name} cannot be read ({cause_of(error)})") from error
+
+
+def _numbers(control: Control) -> Command:
+    acceleration, steering = control.acceleration, control.steering
+    # Text and complex numbers have no __float__.
+    if not all(hasattr(type(value), "__float__") for value in (acceleration, steering)):
+        raise PlannerOutputError(
+            f"Control holds {type(acceleration).__name__} and {type(steering).__name__}, expected two numbers"
+        )
+    try:
+        acceleration, steering = float(acceleration), float(steering)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise PlannerOutputError(f"Control holds what is no number of a vehicle ({error})") from None
+    if not (math.isfinite(acceleration) and math.isfinite(steering)):
+        raise PlannerOutputError(f"Control is not finite: acceleration {acceleration}, steering {steering}")
+    return acceleration, steering
+
+
+def _tracked(trajectory: Trajectory, motion: Motion) -> Command:
+    times, poses = trajectory.times, trajectory.poses
+    for name, array in (("times", times), ("poses", poses)):
+        _check_array(f"Trajectory.{name}", array)
+    check_trajectory(times, poses)
+    command = track(motion, times, poses)
+    if not all(map(math.isfinite, command)):
+        raise PlannerOutputError("trajectory leads beyond what numbers can hold")
+    return command
+
+
+def _check_array(name: str, array: object) -> None:
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
+        kind = f"an array of {array.dtype}" if isinstance(array, np.ndarray) else type(array).__name__
+        raise PlannerOutputError(f"{name} is {kind}, expected a NumPy array of numbers")
+
+
+def _intent(edges: object, network: RoadMap) -> tuple[str, ...]:
+    if not isinstance(edges, tuple):
+        raise PlannerOutputError(f"intent is {type(edges).__name__}, expected a tuple of edge ids")
+    for edge in edges:
+        if not isinstance(edge, str) or edge not in network.edges:
+            raise PlannerOutputError(f"intent names edge {edge!r:.80}, which is not in the network")
+    # Plain ones of the network's own: what is kept runs no code of the planner.
+    return tuple(network.edges[edge].id for edge in edges)

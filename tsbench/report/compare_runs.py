@@ -20,11 +20,12 @@ from tsbench.metrics.aggregate import name_holes
 from tsbench.metrics.breakdown import Scores
 from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.paired_differences import Comparison, Difference, Flip, compare, shared_scenarios
+from tsbench.metrics.scd import NAMES, SCD_NOTE
 from tsbench.report.analyses.analysis import Analysis, Column, Kind, Table, print_analysis
-from tsbench.report.analyses.columns import NAMES, READINGS_NOTE, SCD_NOTE, difference_columns, difference_rows
+from tsbench.report.analyses.columns import READINGS_NOTE, difference_columns, difference_rows
 from tsbench.run.log.manifest import NAME, city_of, marks_of, plain_perception, planners_of
 from tsbench.run.log.read import StoredRun, is_run, read_run
-from tsbench.run.plan import BOTH
+from tsbench.run.options import BOTH
 
 # What of a run's options chooses its scenarios, and what else may explain a difference.
 SELECTION = ("split", "types", "variants", "half", "limit", "scenarios")

@@ -22,13 +22,13 @@ from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import StrictAndCompleted
 from tsbench.metrics.intervals import Estimate
-from tsbench.metrics.scd_records import PARTS
+from tsbench.metrics.scd import NAMES, PARTS
 from tsbench.report.analyses.analysis import ALL, DASH
-from tsbench.report.analyses.columns import NAMES, panels_of, present_panels
+from tsbench.report.analyses.columns import panels_of, present_panels
 from tsbench.report.wording import readable, sign_words
 from tsbench.run.log.read import StoredRun
 from tsbench.run.log.record import SPEC_COLUMNS
-from tsbench.run.plan import BOTH
+from tsbench.run.options import BOTH
 from tsbench.scenarios.spec import pair_type
 from tsbench.signs.countries import Artwork
 

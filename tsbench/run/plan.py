@@ -12,53 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from tsbench.core.errors import InputError
-from tsbench.run.arguments import option
-from tsbench.scenarios.data_set import SPLITS, DataSet
+from tsbench.run.options import BOTH, DRAWN, VARIANTS, WHICH_HALVES, RunOptions
+from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import known_map_ids
-from tsbench.scenarios.spec import HALVES, ScenarioSpec
+from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import check_files
 from tsbench.signs.catalog import Catalog
-
-# With what the drawn ones are drawn of each of.
-_DRAWN = {"one-per-map": ("pair_type", "map_id"), "one-per-type": ("pair_type",)}
-VARIANTS = ("0", "all", *_DRAWN)
-BOTH = "both"
-WHICH_HALVES = (BOTH, *HALVES)
-TRACES = ("none", "violations", "all")
-
-
-@dataclass(frozen=True)
-class Request:
-    """The options that choose episodes, as asked for.
-
-    planners: specs in the order given. types: ids and group names of types of pairs (a row without a pair counts as
-    one), empty = all. limit: scenarios for each planner, None = all. variants: one of VARIANTS. half: one of
-    WHICH_HALVES.
-    """
-
-    planners: tuple[str, ...] = option("planners", "Planner to run")
-    split: str = option("split", "Scenario table.", choices=SPLITS, decides=True)
-    types: tuple[str, ...] = option("types", "Scenario types and groups; default: all.", (), decides=True)
-    limit: int | None = option(
-        "count",
-        "Scenarios for each planner, no pair in part: types in turn, nominal ones first; of drawn ones any.",
-        None,
-        decides=True,
-    )
-    variants: str = option(
-        "choice",
-        "The nominal variant, all, or one drawn for each map, or type: a quick look.",
-        "all",
-        choices=VARIANTS,
-        decides=True,
-    )
-    half: str = option(
-        "choice",
-        "Of contrast pairs: the signed half (with what has no pair), the contrast half, or both.",
-        BOTH,
-        choices=WHICH_HALVES,
-        decides=True,
-    )
 
 
 @dataclass(frozen=True)
@@ -69,14 +28,14 @@ class RunPlan:
     rows, in the order of their ids. types: ids of the chosen types, in the catalogue's order.
     """
 
-    request: Request
+    request: RunOptions
     data: DataSet
     table: tuple[ScenarioSpec, ...]
     scenarios: tuple[ScenarioSpec, ...]
     types: tuple[str, ...]
 
 
-def make_plan(request: Request, data: DataSet) -> RunPlan:
+def make_plan(request: RunOptions, data: DataSet) -> RunPlan:
     """The selection. Raises InputError (one line) for whatever is asked for and not there."""
     if not request.planners:
         raise InputError("--planner: name at least one (tsbench planners list shows them)")
@@ -97,7 +56,7 @@ def make_plan(request: Request, data: DataSet) -> RunPlan:
         raise InputError(f"{path}: --half {request.half}: none of the chosen scenarios is one")
     if request.limit is not None:
         # What was drawn is not narrowed to nominal variants by a limit.
-        first = _draw if request.variants in _DRAWN else _nominal
+        first = _draw if request.variants in DRAWN else _nominal
         chosen = spread(sorted(chosen, key=first), types, request.limit)
     check_files(chosen, data)
     return RunPlan(request, data, table, tuple(chosen), tuple(t for t in types if t in present))
@@ -128,9 +87,9 @@ def choose_variants(rows: Sequence[ScenarioSpec], variants: str) -> list[Scenari
         return list(rows)
     if variants == "0":
         return [row for row in rows if row.variant == 0]
-    if variants not in _DRAWN:
+    if variants not in DRAWN:
         raise InputError(f"--variants {variants}: expected {', '.join(VARIANTS)}")
-    key = attrgetter(*_DRAWN[variants])
+    key = attrgetter(*DRAWN[variants])
     first: dict[Any, str] = {}
     for row in rows:
         first[key(row)] = min(first.get(key(row), row.pair_name), row.pair_name, key=_draw_of)

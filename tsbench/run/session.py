@@ -30,9 +30,9 @@ from tsbench.run.log.manifest import marks_of, new_manifest, planners_of
 from tsbench.run.log.record import Record, Row
 from tsbench.run.log.tables import read_table, write_tables
 from tsbench.run.opened_files import what_is_unseen
-from tsbench.run.plan import Request, make_plan
+from tsbench.run.options import RunOptions
+from tsbench.run.plan import make_plan
 from tsbench.run.planner_info import PlannerInfo, SandboxedPlanner, check_unchanged_since, code_hash_of
-from tsbench.run.run_options import RunOptions
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
 
@@ -83,7 +83,7 @@ def run(options: RunOptions, watcher: ProgressListener, listeners: Sequence[List
     plan = make_plan(options, data)
     perception = options.perceived()
     contract = standing_contract(contract_hash(plan.table, data.catalog))
-    effective = options.resolved(plan, perception)
+    effective = options.resolved(plan.types, len(plan.scenarios), perception)
     if options.out is not None and not options.overwrite:
         check_folder(options.out, contract, effective)
     episodes = len(plan.scenarios) * len(options.planners)
@@ -171,12 +171,12 @@ def _in_image(options: RunOptions) -> RunOptions:
     return replace(options, planners=planners)
 
 
-def probe(pool: Executor, request: Request, device: str = "cpu") -> tuple[PlannerInfo, ...]:
+def probe(pool: Executor, request: RunOptions, device: str = "cpu") -> tuple[PlannerInfo, ...]:
     """The facts of a run's planners. Raises InputError for a non-planner, or two that would be one in records."""
     return distinct(pool.probe(request.planners, device))
 
 
-def probe_isolated(request: Request, hidden: Sequence[str]) -> list[SandboxedPlanner]:
+def probe_isolated(request: RunOptions, hidden: Sequence[str]) -> list[SandboxedPlanner]:
     """The same without a line of their code here, with what of their sandboxes took effect."""
     describe = cast("Callable[..., SandboxedPlanner]", import_attribute(ISOLATED, "describe", "--isolate"))
     return [describe(spec, [Path(place) for place in hidden]) for spec in request.planners]

@@ -14,14 +14,14 @@ from typing import Any, cast
 
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_file, resolved
-from tsbench.signs.model import END_PLACES, Clause, RuleSpec, ScenarioType, Sign, Slot
-from tsbench.signs.parsing import parse_rule, parse_sign
+from tsbench.signs.model import END_PLACES, Clause, Distances, RuleSpec, ScenarioType, Sign, Slot
+from tsbench.signs.parsing import parse_distances, parse_rule, parse_sign
 from tsbench.signs.rule_kinds import NEEDLESS, OF_NO_PLATE, RULE_KINDS, WRONG_WAY
 
 __all__ = ["Catalog", "Clause", "RuleSpec", "ScenarioType", "Sign", "load_catalog"]
 
 # What cannot change an episode or a record stays out of the contract.
-_NOT_IN_CONTRACT = ("name_ru", "name_en", "drawing", "caption", "law", "mirrored")
+_NOT_IN_CONTRACT = ("name_ru", "name_en", "drawing", "caption", "places", "speeds", "law", "mirrored")
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class Catalog:
 
     root: the folder it was read from. signs: by code, in numerical order of the codes. rules: by name, in
     alphabetical order. types: the scenario types in the order of their rows. needless, wrong_way: the rules of
-    contrast scenes and of all scenes, which no sign has. image: where traffic keeps to the left, the catalogue that it
-    mirrors.
+    contrast scenes and of all scenes, which no sign has. distances: bounds of places of plates. image: where
+    traffic keeps to the left, the catalogue that it mirrors.
     """
 
     root: Path
@@ -40,6 +40,7 @@ class Catalog:
     types: tuple[ScenarioType, ...]
     needless: RuleSpec
     wrong_way: RuleSpec
+    distances: Distances
     image: Catalog | None = None
 
     def sign(self, code: str) -> Sign:
@@ -87,6 +88,12 @@ class Catalog:
         sign = self.sign(code)
         ends = (word for word in sign.rule.ended_by if word not in END_PLACES)
         return tuple(dict.fromkeys((code, *ends, *sign.context)))
+
+    def allowed_speeds(self, *, road_class: str, code: str) -> tuple[float, ...] | None:
+        """Values that a plate may set on a road of SUMO's class ("highway.primary_link"); None: any."""
+        road = road_class.removeprefix("highway.").removesuffix("_link")
+        known = any(road in sign.speeds for sign in self.signs.values())
+        return self.sign(code).speeds.get(road, ()) if known else None
 
     def check_plates(self, code: str, plates: Mapping[str, str], where: str) -> None:
         """InputError where a scene of a sign has a plate of another code than the catalogue says (`allowed_codes`).
@@ -158,7 +165,7 @@ def _load(root: Path) -> Catalog:
         except ValueError as error:
             raise InputError(f"{root / 'signs' / sign.code}.yaml: {error}") from None
     ordered = tuple(sorted(types.values(), key=lambda kind: kind.row))
-    return Catalog(root, by_code, rules, ordered, needless, wrong_way)
+    return Catalog(root, by_code, rules, ordered, needless, wrong_way, parse_distances(root / "places.yaml"))
 
 
 def code_key(code: str) -> tuple[tuple[int, str], ...]:

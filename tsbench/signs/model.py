@@ -2,7 +2,9 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, Self, get_args
+from typing import Annotated, Literal, Self, get_args
+
+from msgspec import Meta
 
 from tsbench.core.typed import Count, Number, Text
 
@@ -11,6 +13,12 @@ Family = Literal["junction", "roundabout", "dual_path", "corridor"]
 Shape = Literal["T", "X", "ring", "straight", "curved"]
 Outline = Literal["octagon", "inverted_triangle", "diamond", "triangle", "circle", "rectangle"]
 Slot = Literal["s_l", "s_r", "l_s", "l_r", "r_s", "r_l"]
+Place = Literal[
+    "line", "junction", "priority", "choice", "shown", "open_road", "enterable", "onward", "one_way_across",
+    "obstacle", "several_lanes", "by_its_lane", "kerb_lane", "contraflow", "mouth", "unentered", "unused", "entered",
+    "begin", "road_speed", "not_before_yield", "crossing", "ring", "alone", "both_ways", "own_direction", "lasting",
+]  # fmt: skip
+_Positive = Annotated[float, Meta(gt=0.0, lt=1e300)]
 
 GROUPS: tuple[str, ...] = get_args(Group)
 OUTLINES: tuple[str, ...] = get_args(Outline)
@@ -175,6 +183,25 @@ class Placement:
 
 
 @dataclass(frozen=True)
+class Distances:
+    """Bounds of the places where plates can stand (`sign_catalog/places.yaml`).
+
+    mouth_m: from the junction to a plate at its road's beginning. zone_m: from a begin to its end at least.
+    slack_m: of a plate at a line, a crossing or an obstacle. beside_m: along a road, between the plates of its two
+    directions at one border or crossing. ring_m: the longest ring. same_arm_deg: two carriageways of one arm point
+    within this. swerve_deg: ways straight on over a junction lead no farther aside and back again.
+    """
+
+    mouth_m: _Positive
+    zone_m: _Positive
+    slack_m: _Positive
+    beside_m: _Positive
+    ring_m: _Positive
+    same_arm_deg: _Positive
+    swerve_deg: _Positive
+
+
+@dataclass(frozen=True)
 class Law:
     """Where the sign stands in law.
 
@@ -226,9 +253,11 @@ class Sign:
     in the table of types. is_end: it only closes the zone of `ends` and is no scenario's target. drawing: file name
     of its SVG under `sign_catalog/plates/`. caption: short English text below the plate in figures. outline: the
     plate's shape, all that is seen of it from behind. value: what it posts, None where it sets no number. rule: the
-    one that judges it, bound to the sign (for an end plate: the one that reads it). context: codes of other plates
-    that may stand in its scenes, itself among them where it may stand there again. mirrored: code of the sign that
-    this one is in a mirror, "" = it stays what it is.
+    one that judges it, bound to the sign (for an end plate: the one that reads it). places: all kinds of places that
+    its plate needs (`sign_catalog/places.yaml` says what each is); () is refused nowhere. speeds: by
+    class of road ("primary"), the values (km/h) that its plate may set there. context: codes of other
+    plates that may stand in its scenes, itself among them where it may stand there again. mirrored: code of the sign
+    that this one is in a mirror, "" = it stays what it is.
     """
 
     code: str
@@ -245,6 +274,8 @@ class Sign:
     value: PostedValue | None
     rule: RuleSpec
     placement: Placement
+    places: tuple[Place, ...]
+    speeds: Mapping[str, tuple[float, ...]]
     law: Law
     maps: MapNeeds
     context: tuple[str, ...] = ()

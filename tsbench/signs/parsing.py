@@ -9,11 +9,13 @@ from tsbench.core.typed import Count, Number, Text, read_sheet
 from tsbench.signs.model import (
     END_PLACES,
     Clause,
+    Distances,
     Group,
     Law,
     MapNeeds,
     OptionSpec,
     Outline,
+    Place,
     Placement,
     PostedValue,
     RuleSpec,
@@ -90,9 +92,11 @@ class _SignFile:
     plate: _Plate
     rule: _Rule
     placement: Placement
+    places: tuple[Place, ...]
     law: Law
     maps: MapNeeds
     value: _Value | None = None
+    speeds: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     ended_by: tuple[Text, ...] | None = None
     ends: Text | None = None
     context: tuple[Text, ...] = ()
@@ -102,6 +106,17 @@ class _SignFile:
 def parse_rule(path: Path) -> RuleSpec:
     """The rule of one file as it stands there: what it takes over from another is not yet in it."""
     return read_sheet(_RuleFile, path, "rule", _rule)
+
+
+@dataclass(frozen=True)
+class _PlacesFile:
+    table: Text
+    distances: Distances
+
+
+def parse_distances(path: Path) -> Distances:
+    """The bounds of places."""
+    return read_sheet(_PlacesFile, path, "table", lambda file: file.distances)
 
 
 def parse_sign(path: Path, rules: Mapping[str, RuleSpec]) -> Sign:
@@ -141,6 +156,20 @@ def _sign(file: _SignFile, rules: Mapping[str, RuleSpec]) -> Sign:
     for word in ended_by:
         if word not in END_PLACES and not word[0].isdigit():
             raise ValueError(f"ended_by: {word!r} is neither a code nor one of {', '.join(END_PLACES)}")
+    rule = _bound(file.rule, rules[file.rule.name])
+    for place, there, lacks in (
+        ("road_speed", file.value, "the sign sets no value"),
+        ("begin", file.ends, "the sign ends no other"),
+        ("choice", "allowed" in rule.options, "its rule permits no turns"),
+    ):
+        if place in file.places and not there:
+            raise ValueError(f"places: {place}: {lacks}")
+    value = None if file.value is None else _value(file.value)
+    if bool(file.speeds) != ("road_speed" in file.places and file.ends is None):
+        raise ValueError("speeds: go with the place road_speed, and stand in the file of the sign that begins")
+    for road, values in file.speeds.items():
+        if strange := [v for v in values if value is None or v not in value.allowed]:
+            raise ValueError(f"speeds: {road}: the sign sets no {strange[0]:g}")
     return Sign(
         code=file.code,
         name_ru=file.names.ru,
@@ -153,9 +182,11 @@ def _sign(file: _SignFile, rules: Mapping[str, RuleSpec]) -> Sign:
         drawing=file.plate.drawing,
         caption=file.plate.caption,
         outline=file.plate.outline,
-        value=None if file.value is None else _value(file.value),
-        rule=replace(_bound(file.rule, rules[file.rule.name]), ended_by=ended_by),
+        value=value,
+        rule=replace(rule, ended_by=ended_by),
         placement=file.placement,
+        places=file.places,
+        speeds=file.speeds,
         law=file.law,
         maps=file.maps,
         context=file.context,

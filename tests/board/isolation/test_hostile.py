@@ -24,7 +24,7 @@ from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.run.execution.executor import Limits
 from tsbench.run.log.tables import read_table
-from tsbench.run.run_options import RunOptions
+from tsbench.run.options import RunOptions
 from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import run
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from training_helpers import fresh_tuned, fresh_weights
 
-from tsbench.episode.observation import destination_on_map
+from tsbench.episode.observer import destination_on_map
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACTLY, Perception, load_level
 from tsbench.episode.runner import EpisodeRunner
@@ -21,7 +21,7 @@ from tsbench.learn.oracle.trajectories import QuantisedPlanner, Recorded, finger
 from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.plant2_planner import Plant2Ft
 from tsbench.learn.plant2.sign_tokens import vocabulary_of
-from tsbench.metrics.episode_metrics import is_scd
+from tsbench.metrics.scd import is_scd
 from tsbench.planners.base import PlannerContext
 from tsbench.planners.registry import resolve
 from tsbench.scenarios.data_set import DataSet

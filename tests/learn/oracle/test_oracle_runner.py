@@ -19,7 +19,7 @@ from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.planners.registry import names, resolve
-from tsbench.run.plan import Request
+from tsbench.run.options import RunOptions
 from tsbench.run.run_progress import ProgressWatcher
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -149,7 +149,7 @@ def test_a_share_of_the_variants_of_each_map(table: list[ScenarioSpec]) -> None:
 def collected(out: Path, workers: int) -> list[str]:
     """Two experts on two scenarios; what was said meanwhile."""
     said = io.StringIO()
-    request = Request(("idm-e", "idm-s4-e"), "train", ("bus_lane_road",), limit=2)
+    request = RunOptions(("idm-e", "idm-s4-e"), "train", ("bus_lane_road",), limit=2)
     found = collect(
         DataSet(),
         CollectOptions(request=request, out=out, workers=workers),

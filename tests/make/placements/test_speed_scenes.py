@@ -17,7 +17,7 @@ from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapEr
 from tsbench.make.placements.speed_zone import task_minimum
 from tsbench.make.scenes import map_scenarios as site_module
 from tsbench.make.scenes.map_scenarios import SiteBuilder
-from tsbench.make.scenes.placed_plates import scene_vehicles
+from tsbench.make.scenes.plate_surroundings import scene_vehicles
 from tsbench.make.scenes.recipe import INITIAL_SPEEDS_MPS, Variant, variants_of
 from tsbench.make.scenes.verify import lint_scene
 from tsbench.roads.lane_graph import LaneGraph

@@ -30,11 +30,13 @@ from tsbench.episode.perception_level import EXACT, Perception, load_level
 from tsbench.learn.envs.reward import SIGNS, RewardSpec, RouteReward
 from tsbench.learn.envs.seen_tables import KINDS
 from tsbench.learn.rl.actions import EXIT, PLAIN, ExitAction
-from tsbench.metrics.episode_metrics import is_scd, route_completion
+from tsbench.metrics.metric import route_completion
+from tsbench.metrics.scd import is_scd
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Control, Observation
 from tsbench.run.arguments import keywords, switch, text, type_words, whole_number
-from tsbench.run.plan import BOTH, VARIANTS, choose_half, choose_types, choose_variants
+from tsbench.run.options import BOTH, VARIANTS
+from tsbench.run.plan import choose_half, choose_types, choose_variants
 from tsbench.scenarios.data_set import SPLITS, DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec

@@ -14,7 +14,7 @@ from typing import Any, Protocol, TypeVar, cast
 
 import numpy as np
 
-from tsbench.episode.observation import Observer, destination_on_map, ego_on_map
+from tsbench.episode.observer import Observer, destination_on_map, ego_on_map
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.episode.runner import EpisodeRunner
@@ -23,7 +23,7 @@ from tsbench.geometry.polyline import Array
 from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.plant2_planner import SignTokeniser
 from tsbench.learn.plant2.tokens import Pose, Tokeniser, to_frame
-from tsbench.planners.base import Observation
+from tsbench.planners.observation import Observation
 from tsbench.planners.registry import resolve
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
@@ -169,7 +169,7 @@ def frames_of(
 ) -> at.Records:
     """(n,) of `dtype`: every tick that the teacher takes as it was seen, and as it would be from a pose beside it.
 
-    perception, luck: as `episode.observation.Observer`'s.
+    perception, luck: as `episode.observer.Observer`'s.
     """
     chosen = set(teacher.ticks())
     frames: at.Records = np.zeros(2 * len(chosen), dtype=dtype)

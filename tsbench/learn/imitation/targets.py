@@ -28,7 +28,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from tsbench.core.errors import InputError
-from tsbench.episode.observation import destination_on_map
+from tsbench.episode.observer import destination_on_map
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.episode.runner import EpisodeRunner
@@ -39,7 +39,7 @@ from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.plant2_planner import Plant2Ft, RouteAlternatives, SignTokeniser
 from tsbench.learn.plant2.sign_tokens import STOPPED_MPS, Vocabulary
 from tsbench.learn.plant2.tokens import Pose
-from tsbench.metrics.episode_metrics import is_scd
+from tsbench.metrics.scd import is_scd
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
 from tsbench.planners.geometry import HALF_LENGTH_M, moving_ahead, obstacle_ahead
 from tsbench.planners.registry import LoadedPlanner, resolve

@@ -19,7 +19,8 @@ from tsbench.run.execution.local import make_executor
 from tsbench.run.execution.messages import Setup
 from tsbench.run.log.manifest import new_manifest
 from tsbench.run.log.record import Record
-from tsbench.run.plan import Request, RunPlan, make_plan
+from tsbench.run.options import RunOptions
+from tsbench.run.plan import RunPlan, make_plan
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.run.session import ProgressListener, drive, probe, stop_on_signals
 from tsbench.scenarios.data_set import DataSet
@@ -38,7 +39,7 @@ class CollectOptions:
     code of an expert has driven is driven again.
     """
 
-    request: Request
+    request: RunOptions
     learned_variants: int = VARIANTS
     tries: int = TRIES
     workers: int | None = None

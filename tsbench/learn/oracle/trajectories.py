@@ -27,13 +27,12 @@ from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, columns, open_table, 
 from tsbench.core.paths import data_file
 from tsbench.core.text import one_line
 from tsbench.core.typed import typed
-from tsbench.episode.observation import to_command
 from tsbench.episode.outcome import EpisodeFacts, EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.metrics.comfort import comfort
-from tsbench.metrics.episode_metrics import is_scd
+from tsbench.metrics.scd import is_scd
 from tsbench.metrics.tracks import tracks_of
-from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
+from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory, to_command
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.run.log.record import Record, Row
 from tsbench.scenarios.data_set import DataSet

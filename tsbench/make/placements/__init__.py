@@ -1,1 +1,1 @@
-"""Placements: how a type's scene is laid out on a map of its family."""
+"""Placements: how a type's scene is laid out on a map of its family, and where each plate stands."""

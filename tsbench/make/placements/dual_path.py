@@ -32,9 +32,9 @@ from tsbench.make.placements.placement import (
     turns_into,
     usual_limit,
 )
-from tsbench.make.scenes.placed_plates import PlacedPlates
-from tsbench.make.scenes.plate_places import refused
+from tsbench.make.scenes.plate_checks import refused
 from tsbench.make.scenes.plate_roads import plate_roads
+from tsbench.make.scenes.plate_surroundings import PlacedPlates
 from tsbench.make.scenes.recipe import Recipe
 from tsbench.roads.lane_graph import Destination, LaneGraph, Turn
 from tsbench.roads.network import RoadNetwork

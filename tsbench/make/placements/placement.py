@@ -1,4 +1,7 @@
-"""What a placement is, and the users of a lane that several of them hold until the ego comes. Units: m, s, m/s, rad."""
+"""What a placement is, and the users of a lane that several of them hold until the ego comes. Units: m, s, m/s, rad.
+
+Each type's placement decides where its plates stand, by distances of its recipe; `plate_beside` gives the pose of one.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,6 @@ from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import ALL_LANES, DISTRACTOR, TARGET, SignInstance
 from tsbench.signs.contrast import ContrastClause
-from tsbench.signs.places import load_places
 from tsbench.signs.plate_params import PlateParams
 from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.scene import EgoStart, Obstacle, WalkersPlan
@@ -173,10 +175,10 @@ def usual_limit(task: SceneTask, code: str, at: tuple[str, float], edges: Sequen
     """
     network = task.network
     own = max(lane.speed for edge in edges for lane in passenger_lanes(network, edge)) * 3.6
-    posted, table = task.recipe.catalog.sign(code).value, load_places()
+    posted, catalog = task.recipe.catalog.sign(code).value, task.recipe.catalog
     values = () if posted is None else posted.allowed
     for edge in edges:
-        allowed = table.allowed_speeds(road_class=network.edges[edge].road_class, code=code)
+        allowed = catalog.allowed_speeds(road_class=network.edges[edge].road_class, code=code)
         values = tuple(v for v in values if allowed is None or v in allowed)
     require(bool(values), f"no {code} can stand there")
     value = float(min((v for v in values if v >= own - 0.5), default=max(values)))

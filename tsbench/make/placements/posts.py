@@ -24,11 +24,10 @@ from tsbench.make.placements.placement import (
     passenger_lanes,
     plate_beside,
 )
-from tsbench.make.scenes.placed_plates import CLOSING, PlacedPlates, broken_plates
-from tsbench.make.scenes.plate_places import refused
+from tsbench.make.scenes.plate_checks import refused
 from tsbench.make.scenes.plate_roads import PlateRoads, Sent, shut_roads
+from tsbench.make.scenes.plate_surroundings import CLOSING, PlacedPlates, broken_plates
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
-from tsbench.signs.places import load_places
 from tsbench.sim.scene import EgoStart
 
 # Room before an arm's line and behind its start, from a line to a plate at it, and from post to post.
@@ -52,9 +51,8 @@ def place_along(code: str, length: float, task: SceneTask) -> float:
         return length - float(task.rng.uniform(_AT_LINE_M, min(placement.distance_m[1], _CLEAR_M)))
     if placement.reference == "exit_start":
         return float(task.rng.uniform(*placement.distance_m))
-    table = load_places()
-    if "entered" in table.signs.get(code, ()):
-        return float(task.rng.uniform(_AT_LINE_M, table.distances.mouth_m))
+    if "entered" in task.recipe.catalog.sign(code).places:
+        return float(task.rng.uniform(_AT_LINE_M, task.recipe.catalog.distances.mouth_m))
     return float(task.rng.uniform(_CLEAR_M, length - _CLEAR_M))
 
 
@@ -98,7 +96,7 @@ def facing_ego(
 
     Both are in sight all the way from the ego's start to its line, and apart from all others.
     """
-    least = load_places().distances.zone_m
+    least = task.recipe.catalog.distances.zone_m
     way = task.network.lane(arrangement.start.lane).line
     seen_from = [way.point_at(s) for s in (arrangement.start.s, way.length)]
     for edge in shuffled(edges, task):

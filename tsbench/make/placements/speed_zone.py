@@ -29,7 +29,6 @@ from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.catalog import Catalog
 from tsbench.signs.contrast import ContrastClause, SlowZoneParams
-from tsbench.signs.places import load_places
 from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
@@ -41,10 +40,9 @@ _ROOM_M = 2.0
 
 def can_post(recipe: Recipe, row: PoolRow, code: str, value: float) -> bool:
     """Can a plate set this value on a road of the map's class?"""
-    table = load_places()
-    allowed = table.allowed_speeds(road_class=row.road_class, code=code)
-    value = recipe.catalog.sign(code).effective_value(value) or value
-    return "road_speed" not in table.signs.get(code, ()) or allowed is None or value in allowed
+    sign, allowed = recipe.catalog.sign(code), recipe.catalog.allowed_speeds(road_class=row.road_class, code=code)
+    value = sign.effective_value(value) or value
+    return "road_speed" not in sign.places or allowed is None or value in allowed
 
 
 def _bend_kmh(catalog: Catalog, network: RoadNetwork, zone: Sequence[str]) -> float:

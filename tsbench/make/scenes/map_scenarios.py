@@ -16,7 +16,7 @@ from tsbench.make.maps.source import SourceNetwork
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError, UnluckyDrawError
 from tsbench.make.placements.posts import distractors, with_same_plates
-from tsbench.make.scenes.plate_places import refused
+from tsbench.make.scenes.plate_checks import refused
 from tsbench.make.scenes.recipe import Recipe, Variant, variants_of
 from tsbench.make.scenes.scene_files import OtherTraffic, SceneFileWriter
 from tsbench.make.scenes.traffic import draw_drivers, lane_km

@@ -17,7 +17,8 @@ from tsbench.geometry.elementary import LEFT, RIGHT, STRAIGHT, U_TURN, turn_clas
 from tsbench.geometry.polyline import Polyline
 from tsbench.roads.lane_graph import LaneGraph, Turn, heading_change
 from tsbench.roads.network import Edge
-from tsbench.signs.places import Distances, load_places
+from tsbench.signs.catalog import load_catalog
+from tsbench.signs.model import Distances
 
 _MOST_EDGES = 40
 
@@ -246,7 +247,7 @@ def _of(turns: Mapping[str, str], side: str) -> frozenset[str]:
 @lru_cache(maxsize=4)
 def plate_roads(graph: LaneGraph) -> PlateRoads:
     """The roads of a network by the table's distances."""
-    return PlateRoads(graph=graph, distances=load_places().distances)
+    return PlateRoads(graph=graph, distances=load_catalog().distances)
 
 
 def _places(length: float) -> list[float]:

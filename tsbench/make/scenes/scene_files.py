@@ -20,8 +20,8 @@ from lxml import etree
 from tsbench.core.errors import SimulationError
 from tsbench.core.xmlfile import read_plain, sha256
 from tsbench.make.placements.placement import Arrangement, ConvoySetup, UnfitMapError, UnluckyDrawError
-from tsbench.make.scenes.placed_plates import PlacedPlates, routed_vehicles
 from tsbench.make.scenes.plate_roads import Sent, plate_roads, shut_roads
+from tsbench.make.scenes.plate_surroundings import PlacedPlates, routed_vehicles
 from tsbench.make.scenes.traffic import (
     Car,
     Router,

@@ -18,9 +18,9 @@ import shapely
 from tsbench.core.errors import InputError
 from tsbench.geometry.elementary import wrap
 from tsbench.geometry.footprint import boxes_overlap
-from tsbench.make.scenes.placed_plates import PlacedPlates, broken_plates, scene_vehicles
-from tsbench.make.scenes.plate_places import PLATE_SIDE_M, refused
+from tsbench.make.scenes.plate_checks import PLATE_SIDE_M, refused
 from tsbench.make.scenes.plate_roads import plate_roads
+from tsbench.make.scenes.plate_surroundings import PlacedPlates, broken_plates, scene_vehicles
 from tsbench.make.scenes.recipe import recipe_types
 from tsbench.make.scenes.split import APART_M, extents, with_places
 from tsbench.roads.lane_graph import LaneGraph

@@ -16,7 +16,8 @@ from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import COMPLETED, STRICT, Counted, StrictAndCompleted
 from tsbench.metrics.intervals import Estimate
 from tsbench.metrics.paired_differences import Difference
-from tsbench.metrics.scd_records import CONTRASTED, PAIRED, PARTS, SIGNED_ONES, group_rank
+from tsbench.metrics.records import group_rank
+from tsbench.metrics.scd import PARTS, SIGNED_ONES
 from tsbench.planners.planner_spec import EXPERT
 from tsbench.report.analyses.analysis import ALL, Cell, Column, Kind, Row, Value
 from tsbench.run.edition import editions
@@ -24,12 +25,6 @@ from tsbench.run.plan import choose_types
 from tsbench.scenarios.data_set import DataSet
 
 T = TypeVar("T", bound=Counted)
-# The figures of SCD as tables call them.
-NAMES = {PAIRED: "paired SCD", SIGNED_ONES: "signed SCD", CONTRASTED: "contrast SCD"}
-SCD_NOTE = (
-    "SCD: sign-compliant and arrived, %, macro mean over types. Paired: both halves passed; signed, "
-    "contrast: each half by itself, by the pair's type; signed SCD also counts scenes without a pair"
-)
 READINGS_NOTE = "strict: error outcomes count as failures; completed: without an error outcome (in either half)"
 INTERVAL_NOTE = "95 % interval (shares: effective sample size over places; other means: cluster bootstrap over places)"
 

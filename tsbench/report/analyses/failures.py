@@ -19,12 +19,13 @@ from tsbench.episode.perception import FALSE, MISREAD, OUTLINE, RIGHT
 from tsbench.episode.trace import Trace, read_trace, trace_path
 from tsbench.metrics.breakdown import COMPLETED, STRICT, Mask, panel_label
 from tsbench.metrics.intervals import ClusterBootstrap, Estimate, sums_by_cluster
-from tsbench.metrics.scd_records import CONTRASTED, SIGNED_ONES, Records
+from tsbench.metrics.records import Records
+from tsbench.metrics.scd import HALF_OF
 from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.columns import INTERVAL_NOTE, READINGS_NOTE, present_panels, text_columns
 from tsbench.report.analyses.run_pool import RunPool
 from tsbench.report.forest import colour_of, make_panels, put_counts, put_key, put_title
-from tsbench.scenarios.spec import CONTRAST, SIGNED
+from tsbench.scenarios.spec import CONTRAST
 from tsbench.signs.catalog import Catalog
 from tsbench.signs.rule_kinds import NEEDLESS
 
@@ -134,11 +135,7 @@ def failures(pool: RunPool) -> Analysis:
 
 def _splits(pool: RunPool, planner: str) -> Iterator[tuple[Key, Split]]:
     bootstrap = ClusterBootstrap(pool.contract)
-    halves = {
-        half: records
-        for half, part in ((SIGNED, SIGNED_ONES), (CONTRAST, CONTRASTED))
-        if len(records := pool.records[planner].of(part))
-    }
+    halves = {half: records for part, half in HALF_OF.items() if len(records := pool.records[planner].of(part))}
     found = causes_of(pool, planner)
     causes = dict(zip(pool.failed_signed(planner), found, strict=True)) if found else {}
     panels = {half: records.panels() for half, records in halves.items()}

@@ -18,13 +18,11 @@ from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import STRICT
 from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.paired_differences import Comparison, compare, shared_scenarios
-from tsbench.metrics.scd_records import PARTS
+from tsbench.metrics.scd import NAMES, PARTS, SCD_NOTE
 from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.columns import (
     INTERVAL_NOTE,
-    NAMES,
     READINGS_NOTE,
-    SCD_NOTE,
     count_columns,
     number_columns,
     panels_of,

@@ -18,14 +18,12 @@ from tsbench.metrics.aggregate import PlannerSummary, Summary
 from tsbench.metrics.breakdown import COMPLETED, STRICT, StrictAndCompleted
 from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.intervals import Estimate
-from tsbench.metrics.scd_records import PARTS, SIGNED_ONES
+from tsbench.metrics.scd import NAMES, PARTS, SCD_NOTE, SIGNED_ONES
 from tsbench.report.analyses.analysis import ALL, DASH, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.columns import (
     INTERVAL_NOTE,
-    NAMES,
     NOTE,
     READINGS_NOTE,
-    SCD_NOTE,
     metric_beside,
     panels_of,
     pick,

@@ -21,13 +21,13 @@ from tsbench.core.parquet import values_of
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.trace import trace_path
 from tsbench.metrics.aggregate import PlannerSummary, Summary, label, name_holes, summarise
-from tsbench.metrics.scd_records import Records, split_records
+from tsbench.metrics.records import Records, split_records
 from tsbench.report.analyses.columns import in_published_order
 from tsbench.report.compare_runs import SELECTION, differing
 from tsbench.run.log.manifest import marks_of
 from tsbench.run.log.read import StoredRun, read_run
 from tsbench.run.log.record import SPEC_COLUMNS
-from tsbench.run.plan import BOTH
+from tsbench.run.options import BOTH
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import CONTRAST, HALVES
 from tsbench.signs.rule_kinds import NEEDLESS

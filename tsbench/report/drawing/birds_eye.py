@@ -1,6 +1,7 @@
 """Bird's-eye view of one episode: the ground drawn once, then tick by tick what moves.
 
-Fast enough for bulk video: a frame is a copy of a part of the ground and a few dozen small shapes.
+Fast enough for bulk video: a frame is a copy of a part of the ground and a few dozen small shapes. `mark_violation`
+draws violations; the player of a report draws all of this itself (`tsbench/report/page/static/bev.js`).
 """
 
 from __future__ import annotations

@@ -6,22 +6,21 @@ from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
 from tsbench.metrics.paired_differences import compare, shared_scenarios
-from tsbench.metrics.scd_records import CONTRASTED, SIGNED_ONES
+from tsbench.metrics.scd import HALF_OF, NAMES
 from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Column, Kind, Row, Table, Value, lines_of
-from tsbench.report.analyses.columns import NAMES, difference_columns, difference_rows, panels_of, text_columns
+from tsbench.report.analyses.columns import difference_columns, difference_rows, panels_of, text_columns
 from tsbench.report.analyses.run_analyses import OF_POOL
 from tsbench.report.analyses.run_pool import EpisodeIndex, RunPool
 from tsbench.report.analyses.traffic_calibration import traffic
 from tsbench.report.charts import inline_svg
 from tsbench.report.page.page_format import pack_table, page_column
 from tsbench.report.run_ending import citation, counted, failures_of, primary
-from tsbench.scenarios.spec import CONTRAST, SIGNED, pair_type
+from tsbench.scenarios.spec import pair_type
 
 Section = dict[str, Any]
 # What a narrow screen leaves out of a heat map.
 _ROOM_FOR_SHARES = ("group", "figure")
-# The episodes behind a figure, where it is not over both halves.
-_HALF_OF = {NAMES[SIGNED_ONES]: SIGNED, NAMES[CONTRASTED]: CONTRAST}
+_HALF_OF = {NAMES[part]: half for part, half in HALF_OF.items()}
 
 # Of fewer planners a rank correlation says nothing that the table does not.
 _FOR_CORRELATIONS = 6

@@ -1,4 +1,7 @@
-"""Can a plate stand where it stands? One test for each kind of place of `sign_catalog/places.yaml`. Units: m, km/h."""
+"""Can a plate stand where it stands? One check for each kind of place of `sign_catalog/places.yaml`. Units: m, km/h.
+
+Where plates are placed: `tsbench.make.placements`. Which kinds of places a sign needs: `places` of its file.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,11 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from tsbench.geometry.elementary import STRAIGHT, TURNS, U_TURN
-from tsbench.make.scenes.placed_plates import CLOSED, ONE_WAY, PlacedPlates, PlateHere
+from tsbench.make.scenes.plate_surroundings import CLOSED, ONE_WAY, PlacedPlates, PlateHere
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.reserved_lanes import is_reserved
 from tsbench.signs.annotations import TARGET, SignInstance
-from tsbench.signs.places import Place
+from tsbench.signs.model import Place
 
 # How far beside its road's edge a plate can stand.
 PLATE_SIDE_M = (0.3, 3.0)
@@ -19,18 +22,23 @@ PLATE_SIDE_M = (0.3, 3.0)
 _AGAINST, _ACROSS_M = -0.8, 60.0
 _FORBIDS_TURNS, _ORDERS_TURNS = "3.18.", "4.1."
 _NEVER_TOGETHER = ({"min_speed", "reserved_lane"}, {"manoeuvre", "one_way_exit", "roundabout"})
+# Places of a road that leads to a junction.
+_BEFORE_JUNCTIONS = {
+    "line", "priority", "choice", "shown", "enterable", "onward", "one_way_across", "ring", "lasting",
+}  # fmt: skip
 _MINOR, _MAJOR = ("2.4", "2.5"), ("2.1", "2.3.1", "2.3.2", "2.3.3")
 
 
 def refused(scene: PlacedPlates, plate: SignInstance) -> tuple[tuple[Place, str], ...]:
     """Each kind of place that a plate of a scene needs and does not have, with the reason; () where it can stand."""
     here = PlateHere(scene, plate)
-    answers = ((place, _TESTS[place](here)) for place in scene.table.signs.get(plate.code, ()))
+    asked = here.sign.places if here.ahead.junction else (p for p in here.sign.places if p not in _BEFORE_JUNCTIONS)
+    answers = ((place, _CHECKS[place](here)) for place in asked)
     return tuple((place, why) for place, why in answers if why)
 
 
 def _line(here: PlateHere) -> str:
-    if here.ahead.junction and here.ahead.distance > here.farthest:
+    if here.ahead.distance > here.farthest:
         return f"stands {here.ahead.distance:.0f} m before the line, at most {here.farthest:.0f} m"
     return ""
 
@@ -39,13 +47,11 @@ def _junction(here: PlateHere) -> str:
     if not here.ahead.junction:
         return "its road leads to no junction: it faces traffic that leaves"
     swerve = here.scene.roads.swerve(here.ahead.junction)
-    most = here.scene.table.distances.swerve_deg
+    most = here.scene.catalog.distances.swerve_deg
     return f"straight on swerves by {swerve:.0f} degrees at its junction" if swerve > most else ""
 
 
 def _priority(here: PlateHere) -> str:
-    if not here.ahead.junction:
-        return ""
     approach, minor = here.ahead.edges[-1], here.plate.code in _MINOR
     owed = here.scene.roads.gives_way_to(approach)
     if minor and not any(owed):
@@ -68,8 +74,6 @@ def _priority(here: PlateHere) -> str:
 
 
 def _choice(here: PlateHere) -> str:
-    if not here.ahead.junction:
-        return ""
     approach = here.ahead.edges[-1]
     turns = [here.scene.roads.graph.turn(approach, e) for e in here.scene.roads.ways_on(approach)]
     if len(turns) < 2:
@@ -83,8 +87,6 @@ def _choice(here: PlateHere) -> str:
 
 
 def _shown(here: PlateHere) -> str:
-    if not here.ahead.junction:
-        return ""
     approach, allowed = here.ahead.edges[-1], set(here.sign.rule.options["allowed"])
     there = {here.scene.roads.graph.turn(approach, e) for e in here.scene.roads.ways_on(approach)}
     shown = set(TURNS) - allowed if here.plate.code.startswith(_FORBIDS_TURNS) else allowed
@@ -111,8 +113,6 @@ def _open_road(here: PlateHere) -> str:
 
 
 def _enterable(here: PlateHere) -> str:
-    if not here.ahead.junction:
-        return ""
     approach, roads = here.ahead.edges[-1], here.scene.roads
     for edge in roads.ways_on(approach):
         if not (here.closing(edge) or any(here.lets(a, edge) for a in roads.ways_to(edge))):
@@ -121,7 +121,7 @@ def _enterable(here: PlateHere) -> str:
 
 
 def _onward(here: PlateHere) -> str:
-    if not here.ahead.junction or here.plate.role == TARGET:
+    if here.plate.role == TARGET:
         return ""
     approach, roads = here.ahead.edges[-1], here.scene.roads
     kept = roads.main_ways(approach) if here.at_target(_MINOR + _MAJOR) else set()
@@ -132,8 +132,6 @@ def _onward(here: PlateHere) -> str:
 
 
 def _one_way_across(here: PlateHere) -> str:
-    if not here.ahead.junction:
-        return ""
     onto, against = here.across
     if onto and here.at_target(ONE_WAY):
         # That road has lanes both ways in both halves, and no vehicle uses it.
@@ -185,7 +183,7 @@ def _has_lane_against(network: RoadNetwork, name: str) -> bool:
 
 
 def _mouth(here: PlateHere) -> str:
-    most = here.scene.table.distances.mouth_m
+    most = here.scene.catalog.distances.mouth_m
     behind = here.scene.roads.back(edge=here.plate.edge, s=here.plate.position_m)
     if not behind.junction:
         return "no junction is behind it"
@@ -233,7 +231,7 @@ def _begin(here: PlateHere) -> str:
             if last.value != plate.value:
                 return f"the {begin} before it sets {last.value or 0:g} km/h"
             long = distance - last.position_m
-            return "" if long >= here.scene.table.distances.zone_m else f"the {begin} stands {long:.0f} m before it"
+            return "" if long >= here.scene.catalog.distances.zone_m else f"the {begin} stands {long:.0f} m before it"
     if any(p.code == begin and p.value == plate.value and here.is_before(p) for p in here.scene.plates):
         return f"its {begin} stands behind it"
     if behind.junction and here.scene.catalog.sign(begin).rule.ends_at_junction:
@@ -243,7 +241,7 @@ def _begin(here: PlateHere) -> str:
 
 def _road_speed(here: PlateHere) -> str:
     road = here.scene.roads.network.edges[here.plate.edge].road_class
-    allowed = here.scene.table.allowed_speeds(road_class=road, code=here.sign.ends or here.plate.code)
+    allowed = here.scene.catalog.allowed_speeds(road_class=road, code=here.sign.ends or here.plate.code)
     value = here.sign.effective_value(here.plate.value)
     if allowed is None or value in allowed:
         return ""
@@ -266,9 +264,7 @@ def _crossing(here: PlateHere) -> str:
 
 
 def _ring(here: PlateHere) -> str:
-    if not here.ahead.junction or here.scene.roads.leads_to_ring(here.ahead.edges[-1]):
-        return ""
-    return "no ring is there"
+    return "" if here.scene.roads.leads_to_ring(here.ahead.edges[-1]) else "no ring is there"
 
 
 def _alone(here: PlateHere) -> str:
@@ -291,7 +287,7 @@ def _both_ways(here: PlateHere) -> str:
         return ""
     signs = here.scene.catalog.signs
     wanted = here.sign.ends or next((word for word in here.sign.rule.ended_by if word in signs), plate.code)
-    most = here.scene.table.distances.beside_m
+    most = here.scene.catalog.distances.beside_m
     cos, sin = math.cos(plate.heading), math.sin(plate.heading)
     for other in here.scene.plates:
         if (other.code, other.value) == (wanted, plate.value):
@@ -317,8 +313,7 @@ def _own_direction(here: PlateHere) -> str:
 
 
 def _lasting(here: PlateHere) -> str:
-    least = here.scene.table.distances.zone_m
-    short = bool(here.ahead.junction) and here.ahead.distance < least
+    short = here.ahead.distance < here.scene.catalog.distances.zone_m
     return f"stands {here.ahead.distance:.0f} m before the junction where it ends" if short else ""
 
 
@@ -328,34 +323,14 @@ def _is_over(here: PlateHere, before: SignInstance) -> bool:
     return any(PlateHere(here.scene, p).is_before(before) for p in ends)
 
 
-_TESTS: Mapping[Place, Callable[[PlateHere], str]] = MappingProxyType(
+# By the kind of place that each is named after.
+_CHECKS: Mapping[str, Callable[[PlateHere], str]] = MappingProxyType(
     {
-        "line": _line,
-        "junction": _junction,
-        "priority": _priority,
-        "choice": _choice,
-        "shown": _shown,
-        "open_road": _open_road,
-        "enterable": _enterable,
-        "onward": _onward,
-        "one_way_across": _one_way_across,
-        "obstacle": _obstacle,
-        "several_lanes": _several_lanes,
-        "by_its_lane": _by_its_lane,
-        "kerb_lane": _kerb_lane,
-        "contraflow": _contraflow,
-        "mouth": _mouth,
-        "unentered": _unentered,
-        "unused": _unused,
-        "entered": _entered,
-        "begin": _begin,
-        "road_speed": _road_speed,
-        "not_before_yield": _not_before_yield,
-        "crossing": _crossing,
-        "ring": _ring,
-        "alone": _alone,
-        "both_ways": _both_ways,
-        "own_direction": _own_direction,
-        "lasting": _lasting,
+        check.__name__[1:]: check
+        for check in (
+            _line, _junction, _priority, _choice, _shown, _open_road, _enterable, _onward, _one_way_across, _obstacle,
+            _several_lanes, _by_its_lane, _kerb_lane, _contraflow, _mouth, _unentered, _unused, _entered, _begin,
+            _road_speed, _not_before_yield, _crossing, _ring, _alone, _both_ways, _own_direction, _lasting,
+        )
     }
-)
+)  # fmt: skip

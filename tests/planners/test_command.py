@@ -7,8 +7,7 @@ import pytest
 from run_helpers import episode_builders
 
 from tsbench.core.errors import PlannerOutputError
-from tsbench.episode.observation import to_command, to_plan
-from tsbench.planners.base import Control, Trajectory
+from tsbench.planners.base import Control, Trajectory, to_command, to_plan
 from tsbench.sim.ego import Motion
 
 MOTION = Motion(0.0, 0.0, 0.0, 5.0)

@@ -1,39 +1,26 @@
-"""What a planner is shown at each tick. Ranges are part of the benchmark: the same in training and in use.
-
-From what a planner returned to a command for the vehicle, checked before anything else sees it.
-"""
+"""What a planner is shown at each tick. Ranges are part of the benchmark: the same in training and in use."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from tsbench.core.benchmark import OBSTACLE_RANGE_M, SIGN_RANGE_M
-from tsbench.core.errors import PlannerOutputError, cause_of
 from tsbench.episode.perception import Plate, SignDetection, SignDetector, faces
 from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.episode.traffic_view import TrafficView
-from tsbench.planners.base import Control, Observation, SignView, Trajectory
+from tsbench.planners.observation import Observation, SignView
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.planner_map import PlannerMap
-from tsbench.roads.road_map import RoadMap
 from tsbench.signs.annotations import SignInstance
-from tsbench.sim.ego import MAX_TRAJECTORY_POSES, Motion, check_trajectory, track
 from tsbench.sim.main_road import main_roads
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EgoState, WorldSnapshot
 
 HISTORY_TICKS = 20
-
-
-Command = tuple[float, float]
-Plan = npt.NDArray[np.float32]
-_FARTHEST_M = 1e6
 
 
 class Observer:
@@ -86,16 +73,10 @@ class Observer:
             o for o in self._obstacles if math.hypot(o.x - ego.x, o.y - ego.y) <= OBSTACLE_RANGE_M
         )
         return Observation(
-            step=k,
-            time=snapshot.time,
-            ego=seen,
-            history=history,
-            route=route,
-            actors=self._traffic_view.see(snapshot.actors, ego),
-            signs=tuple(signs),
-            obstacles=obstacles,
+            step=k, time=snapshot.time, ego=seen, history=history, route=route,
+            actors=self._traffic_view.see(snapshot.actors, ego), signs=tuple(signs), obstacles=obstacles,
             truth=snapshot if self._privileged else None,
-        )
+        )  # fmt: skip
 
     def _exactly(self, ego: EgoState) -> list[SignView]:
         """All plates, those that have not faced the ego yet from behind; what is read once is known from then on."""
@@ -141,18 +122,9 @@ def _plate(view: PlannerMap, scene: Scene, sign: SignInstance, main_road: tuple[
             lane = view.map.lanes[at].order if at >= 0 else -1
     outline = scene.catalog.sign(sign.code).outline
     return SignView(
-        code=sign.code,
-        value=sign.value,
-        x=sign.x,
-        y=sign.y,
-        heading=sign.heading,
-        edge=edge,
-        lane=lane,
-        position_m=s,
-        distance=math.inf,
-        outline=outline,
-        main_road=main_road,
-    )
+        code=sign.code, value=sign.value, x=sign.x, y=sign.y, heading=sign.heading, edge=edge, lane=lane,
+        position_m=s, distance=math.inf, outline=outline, main_road=main_road,
+    )  # fmt: skip
 
 
 def _lane_id(view: PlannerMap, lane: int) -> str:
@@ -163,83 +135,3 @@ def _lane_id(view: PlannerMap, lane: int) -> str:
 def _by_place(sign: SignView) -> tuple[float, float, float, float]:
     # Never by the order of the scene's file, which the code of a plate might decide.
     return sign.distance, sign.x, sign.y, sign.heading
-
-
-def to_command(output: object, motion: Motion, network: RoadMap) -> tuple[Command, tuple[str, ...]]:
-    """((acceleration, steering), intent) of a planner's output. Raises PlannerOutputError with what is wrong."""
-    try:
-        if isinstance(output, Control):
-            return _numbers(output), _intent(output.intent, network)
-        if isinstance(output, Trajectory):
-            return _tracked(output, motion), _intent(output.intent, network)
-    except (PlannerOutputError, KeyboardInterrupt):
-        raise
-    except BaseException as error:
-        # A number of the planner's own making may raise what it likes.
-        raise PlannerOutputError(f"{type(output).__name__} cannot be read ({cause_of(error)})") from error
-    raise PlannerOutputError(f"act returned {type(output).__name__}, expected Control or Trajectory")
-
-
-def to_plan(output: Any) -> Plan | None:
-    """Where the ego means to drive, (k, 2), by a Control or Trajectory; None where it tells nothing.
-
-    A plain array of our own: what the planner does with its own later changes nothing. Raises PlannerOutputError.
-    """
-    name = "Trajectory.poses" if isinstance(output, Trajectory) else "Control.plan"
-    try:
-        points = output.poses[:, :2] if isinstance(output, Trajectory) else output.plan
-        if points is None:
-            return None
-        _check_array(name, points)
-        if points.ndim != 2 or points.shape[1] != 2 or len(points) > MAX_TRAJECTORY_POSES:
-            raise PlannerOutputError(f"{name} has shape {points.shape}, expected (k, 2)")
-        if np.isnan(points).any():
-            raise PlannerOutputError(f"{name} holds NaN")
-        return np.array(np.clip(points, -_FARTHEST_M, _FARTHEST_M), dtype=np.float32, subok=False)
-    except (PlannerOutputError, KeyboardInterrupt):
-        raise
-    except BaseException as error:
-        raise PlannerOutputError(f"{name} cannot be read ({cause_of(error)})") from error
-
-
-def _numbers(control: Control) -> Command:
-    acceleration, steering = control.acceleration, control.steering
-    # Text and complex numbers have no __float__.
-    if not all(hasattr(type(value), "__float__") for value in (acceleration, steering)):
-        raise PlannerOutputError(
-            f"Control holds {type(acceleration).__name__} and {type(steering).__name__}, expected two numbers"
-        )
-    try:
-        acceleration, steering = float(acceleration), float(steering)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise PlannerOutputError(f"Control holds what is no number of a vehicle ({error})") from None
-    if not (math.isfinite(acceleration) and math.isfinite(steering)):
-        raise PlannerOutputError(f"Control is not finite: acceleration {acceleration}, steering {steering}")
-    return acceleration, steering
-
-
-def _tracked(trajectory: Trajectory, motion: Motion) -> Command:
-    times, poses = trajectory.times, trajectory.poses
-    for name, array in (("times", times), ("poses", poses)):
-        _check_array(f"Trajectory.{name}", array)
-    check_trajectory(times, poses)
-    command = track(motion, times, poses)
-    if not all(map(math.isfinite, command)):
-        raise PlannerOutputError("trajectory leads beyond what numbers can hold")
-    return command
-
-
-def _check_array(name: str, array: object) -> None:
-    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
-        kind = f"an array of {array.dtype}" if isinstance(array, np.ndarray) else type(array).__name__
-        raise PlannerOutputError(f"{name} is {kind}, expected a NumPy array of numbers")
-
-
-def _intent(edges: object, network: RoadMap) -> tuple[str, ...]:
-    if not isinstance(edges, tuple):
-        raise PlannerOutputError(f"intent is {type(edges).__name__}, expected a tuple of edge ids")
-    for edge in edges:
-        if not isinstance(edge, str) or edge not in network.edges:
-            raise PlannerOutputError(f"intent names edge {edge!r:.80}, which is not in the network")
-    # Plain ones of the network's own: what is kept runs no code of the planner.
-    return tuple(network.edges[edge].id for edge in edges)

@@ -18,7 +18,6 @@ from tsbench.make.scenes.plate_roads import PlateRoads, WayOn
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import TARGET, SignInstance
 from tsbench.signs.catalog import Catalog, Sign
-from tsbench.signs.places import PlaceTable, load_places
 from tsbench.sim.scene import Obstacle, Scene
 from tsbench.sim.scene_file import EGO_ID, read_additional
 
@@ -81,10 +80,6 @@ class PlacedPlates:
     plates: tuple[SignInstance, ...]
     obstacles: tuple[Obstacle, ...]
     vehicles: tuple[RoutedVehicle, ...]
-
-    @cached_property
-    def table(self) -> PlaceTable:
-        return load_places(self.catalog.root)
 
     @cached_property
     def at_line(self) -> Mapping[str, tuple[PlateHere, ...]]:
@@ -172,7 +167,7 @@ class PlateHere:
     @property
     def farthest(self) -> float:
         """How far before its line, crossing or obstacle the sign may stand."""
-        return self.sign.placement.distance_m[1] + self.scene.table.distances.slack_m
+        return self.sign.placement.distance_m[1] + self.scene.catalog.distances.slack_m
 
 
 def broken_plates(scene: PlacedPlates, vehicle: RoutedVehicle) -> tuple[tuple[SignInstance, str], ...]:

@@ -9,14 +9,14 @@ import pytest
 import yaml
 from labelled import network
 
-from tsbench.make.scenes.placed_plates import PlacedPlates, RoutedVehicle, broken_plates
-from tsbench.make.scenes.plate_places import refused
+from tsbench.make.scenes.plate_checks import refused
 from tsbench.make.scenes.plate_roads import PlateRoads
+from tsbench.make.scenes.plate_surroundings import PlacedPlates, RoutedVehicle, broken_plates
 from tsbench.make.scenes.verify import BROKEN, PlateFinding, finding_counts
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.signs.annotations import ALL_LANES, DISTRACTOR, SignInstance
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.places import Place, load_places
+from tsbench.signs.model import Place
 from tsbench.sim.scene import Obstacle
 
 Case = dict[str, Any]
@@ -33,7 +33,7 @@ def placed_cases(word: str) -> list[tuple[str, str]]:
 
 
 def placed(case: Case) -> PlacedPlates:
-    roads, table = network(case["net"]), load_places()
+    roads, catalog = network(case["net"]), load_catalog()
 
     def plate(number: int, code: str, edge: str, s: float, more: Case | None = None) -> SignInstance:
         given = more or {}
@@ -55,25 +55,23 @@ def placed(case: Case) -> PlacedPlates:
         return Obstacle(f"obstacle_{number}", "island", x, y, line.heading_at(s), 4.0, 1.6, lane)
 
     return PlacedPlates(
-        load_catalog(),
-        PlateRoads(graph=LaneGraph(roads), distances=table.distances),
+        catalog,
+        PlateRoads(graph=LaneGraph(roads), distances=catalog.distances),
         tuple(plate(k, *given) for k, given in enumerate(case["plates"])),
         tuple(obstacle(k, *given) for k, given in enumerate(case.get("obstacles", ()))),
         tuple(vehicle(k, *given) for k, given in enumerate(case.get("vehicles", ()))),
     )
 
 
-def test_every_kind_and_every_sign_is_there() -> None:
-    table = load_places()
+def test_every_kind_has_cases_and_a_sign() -> None:
     assert list(PLACES) == list(get_args(Place))
-    assert set(table.signs) == set(load_catalog().signs)
-    assert {place for places in table.signs.values() for place in places} == set(PLACES)
+    assert {place for sign in load_catalog().signs.values() for place in sign.places} == set(PLACES)
 
 
 @pytest.mark.parametrize(("place", "name"), placed_cases("stands"))
 def test_a_plate_that_can_stand(place: Place, name: str) -> None:
     scene = placed(PLACES[place][name])
-    assert place in load_places().signs[scene.plates[0].code]
+    assert place in load_catalog().sign(scene.plates[0].code).places
     assert place not in dict(refused(scene, scene.plates[0]))
 
 

@@ -18,20 +18,51 @@ from tsbench.run.execution.local import EXECUTORS
 from tsbench.run.execution.messages import RUNNER
 from tsbench.run.listener import KNOWN, Listener
 from tsbench.run.log.manifest import plain_perception
-from tsbench.run.plan import BOTH, TRACES, Request, RunPlan
+from tsbench.scenarios.data_set import SPLITS
+from tsbench.scenarios.spec import HALVES
 
+# With what the drawn ones are drawn of each of.
+DRAWN = {"one-per-map": ("pair_type", "map_id"), "one-per-type": ("pair_type",)}
+VARIANTS = ("0", "all", *DRAWN)
+BOTH = "both"
+WHICH_HALVES = (BOTH, *HALVES)
+TRACES = ("none", "violations", "all")
 # Left out of `effective` where they have their default: they are younger than the first runs.
 _QUIET = ("city", "isolate")
 
 
 @dataclass(frozen=True)
-class RunOptions(Request):
-    """Everything that `tsbench run` takes; a new option is one field.
+class RunOptions:
+    """Everything that `tsbench run` takes; a new option is one field. The first six choose episodes.
 
-    out: None = a name below `runs/`.
+    planners: specs in the order given. types: ids and group names of types of pairs (a row without a pair counts as
+    one), empty = all. limit: scenarios for each planner, None = all. out: None = a name below `runs/`.
     limits: of workers, beside `memory_limit`; for tests, as `runner`, what runs an episode in a worker.
     """
 
+    planners: tuple[str, ...] = option("planners", "Planner to run")
+    split: str = option("split", "Scenario table.", choices=SPLITS, decides=True)
+    types: tuple[str, ...] = option("types", "Scenario types and groups; default: all.", (), decides=True)
+    limit: int | None = option(
+        "count",
+        "Scenarios for each planner, no pair in part: types in turn, nominal ones first; of drawn ones any.",
+        None,
+        decides=True,
+    )
+    variants: str = option(
+        "choice",
+        "The nominal variant, all, or one drawn for each map, or type: a quick look.",
+        "all",
+        choices=VARIANTS,
+        decides=True,
+    )
+    half: str = option(
+        "choice",
+        "Of contrast pairs: the signed half (with what has no pair), the contrast half, or both.",
+        BOTH,
+        choices=WHICH_HALVES,
+        decides=True,
+    )
     city: str = option("city", "", OWN_CITY, asked=False, decides=True)
     workers: int | None = option("count", "Cores to use.", None, shown="all")
     memory_limit: float = option(
@@ -121,10 +152,10 @@ class RunOptions(Request):
             del asked["perception"]
         return asked
 
-    def resolved(self, plan: RunPlan, perception: Perception) -> dict[str, Any]:
-        """What the options came to, as far as it decides what stands in the folder."""
+    def resolved(self, types: Sequence[str], scenarios: int, perception: Perception) -> dict[str, Any]:
+        """What the options came to, as far as it decides what stands in the folder. types, scenarios: of the plan."""
         default = {f.name: f.default for f in fields(self)}
         values = {name: getattr(self, name) for name, known in options_in(self).items() if known.decides}
         told = {name: v for name, v in values.items() if name not in _QUIET or v != default[name]}
-        told |= {"types": list(plan.types), "scenarios": len(plan.scenarios)}
+        told |= {"types": list(types), "scenarios": scenarios}
         return told | plain_perception(perception)

@@ -1,8 +1,4 @@
-"""`episodes.parquet` as arrays for aggregation, checked: what is missing or contradictory has a name.
-
-A figure of SCD is over one part of the records: the signed halves (and what has no pair), the contrast halves, or the
-pairs: paired SCD. The record of a pair passed where both halves did.
-"""
+"""`episodes.parquet` as arrays for aggregation, checked: what is missing or contradictory has a name."""
 
 from __future__ import annotations
 
@@ -18,18 +14,14 @@ import pyarrow as pa
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.geometry.polyline import Array
-from tsbench.metrics.episode_metrics import METRICS, SCD
+from tsbench.metrics.episode_metrics import METRICS
+from tsbench.metrics.scd import CONTRASTED, PAIRED, SCD, scd_of_pairs
 from tsbench.scenarios.spec import CONTRAST, HALVES, pair_type
 from tsbench.signs.model import GROUPS
 
 _TEXT = ("planner", "scenario_id", "scenario_type", "group", "map_id", "outcome", "pair_id", "half", "place")
 _FIGURES = {metric.column: metric for metric in (SCD, *METRICS.values())}
 _Codes = npt.NDArray[np.intp]
-
-# The figures of SCD by their names in summaries, the primary one first: share of pairs with both halves passed, of
-# signed halves (and what has no pair), of contrast halves.
-PAIRED, SIGNED_ONES, CONTRASTED = "paired_scd", "signed_scd", "contrast_scd"
-PARTS = (PAIRED, SIGNED_ONES, CONTRASTED)
 
 
 @dataclass(frozen=True)
@@ -74,7 +66,7 @@ class Records:
             return self.take(np.flatnonzero(self.contrast == (part == CONTRASTED)))
         rows = np.flatnonzero(~self.contrast & (self.partner >= 0))
         signed, contrast = self.take(rows), self.take(self.partner[rows])
-        scd = np.minimum(signed.values[SCD.column], contrast.values[SCD.column])
+        scd = scd_of_pairs(signed.values[SCD.column], contrast.values[SCD.column])
         return replace(signed, error=signed.error | contrast.error, values={SCD.column: scd})
 
     def type_groups(self) -> dict[str, str]:
