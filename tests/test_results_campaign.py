@@ -37,8 +37,8 @@ def test_the_kept_runs_are_those_of_the_file() -> None:
         manifest = read_manifest(FILE.parent / one.name)
         assert manifest is not None
         kept = {"perception": EXACT, **manifest["asked"], "city": manifest["effective"].get("city", OWN_CITY)}
-        with options_of(one, {}, FILE) as given:
-            asked = {**given, "city": DataSet().name, "types": list(given["types"])}
+        given = options_of(one, {}, FILE)
+        asked = {**given, "city": given["data"].name, "types": list(given["types"])}
         for drives in (asked, kept):
             drives["planners"] = [spec.rpartition(":")[2] for spec in drives["planners"]]
         where = {"workers", "executor", "out"}
