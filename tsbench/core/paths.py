@@ -47,8 +47,8 @@ def data_root() -> Path:
 
 def data_file(name: str) -> Path:
     """A file or folder of data: in the first root that has it, else where `tsbench data fetch` would put it."""
-    places = [root / name for root in roots()]
-    return next((place for place in places if place.exists()), places[-1])
+    *earlier, last = [root / name for root in roots()]
+    return next((place for place in earlier if place.exists()), last)
 
 
 @cache
@@ -77,7 +77,13 @@ def _own_root() -> Path | None:
     named = os.environ.get("TSBENCH_DATA")
     if named:
         return expanded(named)
-    return _PACKAGE.parent if (_PACKAGE.parent / "sign_catalog").is_dir() else None
+    return _clone(_PACKAGE)
+
+
+@cache
+def _clone(package: Path) -> Path | None:
+    """The clone that a package lies in, asked of the file system once."""
+    return package.parent if (package.parent / "sign_catalog").is_dir() else None
 
 
 def roots() -> tuple[Path, ...]:

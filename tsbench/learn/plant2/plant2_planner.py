@@ -253,11 +253,14 @@ class SignTokeniser:
     ) -> None:
         self._tokeniser, self.ways, self._vocabulary = tokeniser, ways, vocabulary
         self._memory = memory(tokeniser.network, vocabulary)
+        self._seen: Observation | None = None
 
     def watch(self, o: Observation) -> None:
         """Remember the sign that holds, follow the ways: at every tick, in order. A second call changes nothing."""
-        self._memory.update(o)
-        self.ways.watch(o)
+        if o is not self._seen:
+            self._seen = o
+            self._memory.update(o)
+            self.ways.watch(o)
 
     def fill(self, record: Record, o: Observation, pose: Pose | None = None) -> list[int]:
         """As `Tokeniser.fill`, into a record with the fields of `tokens.SIGN_TOKENS`; after `watch`."""
