@@ -1,4 +1,4 @@
-"""Runs episodes one after the other with one planner, which is made once."""
+"""Runs episodes one after the other with one planner, which is made once; a tick is `Episode.step`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Stop, then give way. Source: docs/rules.md, "Stop". Units: m, m/s."""
+"""Stop, then give way. Source: docs/rules.md, "Stop"; numbers: `sign_catalog/rules/stop.yaml`. Units: m, m/s."""
 
 from __future__ import annotations
 

@@ -13,6 +13,7 @@ from types import MappingProxyType
 from lxml import etree
 
 from tsbench.make.maps.plain import PlainNet
+from tsbench.make.placements.distractors import in_sight
 from tsbench.make.placements.junction_priority import (
     SHARES,
     Arms,
@@ -38,7 +39,6 @@ from tsbench.make.placements.placement import (
     require,
     start_speed,
 )
-from tsbench.make.placements.posts import in_sight
 from tsbench.make.scenes.recipe import Recipe
 from tsbench.make.scenes.traffic import waiting_elements
 from tsbench.make.seeds import rng_of

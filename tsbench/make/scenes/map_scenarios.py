@@ -14,8 +14,8 @@ from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainNet
 from tsbench.make.maps.source import SourceNetwork
 from tsbench.make.placements.by_name import placement_of
+from tsbench.make.placements.distractors import distractors, with_same_plates
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError, UnluckyDrawError
-from tsbench.make.placements.posts import distractors, with_same_plates
 from tsbench.make.scenes.plate_checks import refused
 from tsbench.make.scenes.recipe import Recipe, Variant, variants_of
 from tsbench.make.scenes.scene_files import OtherTraffic, SceneFileWriter
