@@ -1,10 +1,10 @@
 """What made this: which code, data and versions something depends on.
 
 Code is a *closure*: the files that running a module can import, directly or not, read from their text, so nothing is
-imported. An import inside a function counts, and so do all modules of a package that `core.extras.import_all` names;
+imported. An import inside a function counts, and so do all modules of a package that `core.errors.import_all` names;
 an import under TYPE_CHECKING does not. Every package on the way counts with its `__init__`, and so does a data file
 that a string of the code names. Installed packages are not followed: their versions are asked for. tsbench is followed
-only from its own modules: elsewhere its scoring number speaks for it (`run.contract`). Each file counts by its bytes.
+only from its own modules: elsewhere its scoring number speaks for it (`run.edition`). Each file counts by its bytes.
 """
 
 from __future__ import annotations

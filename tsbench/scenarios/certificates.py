@@ -36,7 +36,7 @@ class Certificate:
     blind baseline met. overlaps: pairs of others whose bodies overlap deeply at some tick. arrival_gap_s: the task
     agent's unhindered arrival at the conflict zone less the ego's (NaN without a convoy). error: one line if an episode
     broke off. digest: SHA-256 of both episodes. basis: what they were driven on (`bases`); one of another
-    basis says nothing. scoring: number of the scoring (`run.contract.SCORING`) that judged them last; a later one may
+    basis says nothing. scoring: number of the scoring (`run.edition.SCORING`) that judged them last; a later one may
     be asked to prove it again. reproduced: another process, maybe with other code or on another machine, found the same
     (None = not tried).
     Of a pair, in both its rows, None without a pair: exclusive: neither half's certified commands pass in the other

@@ -2,7 +2,7 @@
 
 The worker makes the planner and loads the roads, and never plays. A child plays one episode and ends. What it changed
 in objects, classes and modules ends with it, and so do the processes that it started. Files that a planner writes
-outlive it: only an isolated planner (`run.isolation`) shares none with other episodes.
+outlive it: only an isolated planner (`board.isolation`) shares none with other episodes.
 """
 
 from __future__ import annotations
