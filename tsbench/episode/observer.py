@@ -103,9 +103,18 @@ def ego_on_map(view: PlannerMap, ego: EgoState) -> EgoState:
     else:
         lane, s, d = at.lane, at.start + at.sign * ego.s, at.sign * ego.d
     return EgoState(
-        x=ego.x, y=ego.y, heading=ego.heading, speed=ego.speed, acceleration=ego.acceleration,
-        steering=ego.steering, yaw_rate=ego.yaw_rate, lane=lane, s=s, d=d, on_road=ego.on_road,
-    )  # fmt: skip
+        x=ego.x,
+        y=ego.y,
+        heading=ego.heading,
+        speed=ego.speed,
+        acceleration=ego.acceleration,
+        steering=ego.steering,
+        yaw_rate=ego.yaw_rate,
+        lane=lane,
+        s=s,
+        d=d,
+        on_road=ego.on_road,
+    )
 
 
 def destination_on_map(view: PlannerMap, scene: Scene) -> Destination:
@@ -122,9 +131,18 @@ def _plate(view: PlannerMap, scene: Scene, sign: SignInstance, main_road: tuple[
             lane = view.map.lanes[at].order if at >= 0 else -1
     outline = scene.catalog.sign(sign.code).outline
     return SignView(
-        code=sign.code, value=sign.value, x=sign.x, y=sign.y, heading=sign.heading, edge=edge, lane=lane,
-        position_m=s, distance=math.inf, outline=outline, main_road=main_road,
-    )  # fmt: skip
+        code=sign.code,
+        value=sign.value,
+        x=sign.x,
+        y=sign.y,
+        heading=sign.heading,
+        edge=edge,
+        lane=lane,
+        position_m=s,
+        distance=math.inf,
+        outline=outline,
+        main_road=main_road,
+    )
 
 
 def _lane_id(view: PlannerMap, lane: int) -> str:

@@ -50,9 +50,17 @@ class SignView:
     def from_behind(self) -> SignView:
         """What is seen of it from behind: where it stands, which way it faces, and its outline."""
         return SignView(
-            code="", value=None, x=self.x, y=self.y, heading=self.heading, edge=self.edge, lane=-1,
-            position_m=self.position_m, distance=self.distance, outline=self.outline,
-        )  # fmt: skip
+            code="",
+            value=None,
+            x=self.x,
+            y=self.y,
+            heading=self.heading,
+            edge=self.edge,
+            lane=-1,
+            position_m=self.position_m,
+            distance=self.distance,
+            outline=self.outline,
+        )
 
 
 @dataclass(frozen=True, slots=True)

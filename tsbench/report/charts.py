@@ -83,7 +83,7 @@ def legible(text: str) -> tuple[str, str]:
         return text, ""
 
     def lacking(path: str) -> list[str]:
-        font = FT2Font(path)
+        font = _letters(path)
         return [letter for letter in text if not letter.isspace() and not font.get_char_index(ord(letter))]
 
     missing = lacking(str(Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"))
@@ -94,6 +94,9 @@ def legible(text: str) -> tuple[str, str]:
         if not lacking(font.fname):
             return text, font.fname
     return re.sub(f"[{re.escape(''.join(missing))}]+", _in_latin, text), ""
+
+
+_letters = lru_cache(maxsize=64)(FT2Font)
 
 
 def _in_latin(found: re.Match[str]) -> str:

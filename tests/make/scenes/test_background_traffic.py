@@ -37,6 +37,7 @@ from tsbench.make.scenes.traffic import (
 )
 from tsbench.roads.lane_graph import Destination, LaneGraph
 from tsbench.roads.network import RoadNetwork
+from tsbench.signs.catalog import load_catalog
 from tsbench.sim.scene import EgoStart
 
 QUICK = Driver(speed=14.0, accel=2.0, decel=2.5, headway=1.2, gap=2.0, length=4.5, width=1.8)
@@ -218,7 +219,7 @@ def test_turns_are_avoidable_as_long_as_a_way_on_is_left(on_cross: SceneMaker) -
 
 
 def test_a_road_is_shut_with_those_that_lead_to_the_egos_ways_alone(block: RoadNetwork) -> None:
-    roads, road = plate_roads(LaneGraph(block)), ("bc", "cd", "da")
+    roads, road = plate_roads(LaneGraph(block), load_catalog().distances), ("bc", "cd", "da")
     none = Sent(frozenset(), frozenset())
     into = {("ab", "bc"), ("ub", "bc")}
     assert shut_roads(roads, [road], ego={"ta", "ab", "bu"}, sent=none) == Sent(frozenset(into), frozenset(road))

@@ -101,7 +101,7 @@ class ManoeuvrePlacement(ScenePlacement):
         end_s = variant.route_end(least, room)
         plates, other = self.plates(task, short, compliant), self.other_code(task, short, compliant)
         for half in (plates, self.other_plates(plates, other)):
-            scene = PlacedPlates(self.catalog, plate_roads(graph), half, (), ())
+            scene = PlacedPlates(self.catalog, plate_roads(graph, self.catalog.distances), half, (), ())
             for plate in half:
                 for _, why in refused(scene, plate):
                     raise UnfitMapError(f"plate {plate.code} {why}")
@@ -153,7 +153,7 @@ class ManoeuvrePlacement(ScenePlacement):
         """
         graph, approach = task.graph, short[0]
         wanted, other = (graph.turn(way[0], way[1]) for way in (short, compliant))
-        roads = plate_roads(graph)
+        roads = plate_roads(graph, self.catalog.distances)
         scene = PlacedPlates(self.catalog, roads, (), (), ())
         at = roads.length(approach) - task.recipe.number("plate_before_line_m")
         fit = [
@@ -215,7 +215,7 @@ class OneWayPlacement(ManoeuvrePlacement):
 
     def empty(self, task: SceneTask, approach: str) -> frozenset[str]:
         """The crossing road, both directions on both sides."""
-        across = plate_roads(task.graph).across(approach)
+        across = plate_roads(task.graph, self.catalog.distances).across(approach)
         return frozenset().union(*(out | into for out, into in across.values()))
 
 

@@ -23,9 +23,9 @@ _AGAINST, _ACROSS_M = -0.8, 60.0
 _FORBIDS_TURNS, _ORDERS_TURNS = "3.18.", "4.1."
 _NEVER_TOGETHER = ({"min_speed", "reserved_lane"}, {"manoeuvre", "one_way_exit", "roundabout"})
 # Places of a road that leads to a junction.
-_BEFORE_JUNCTIONS = {
-    "line", "priority", "choice", "shown", "enterable", "onward", "one_way_across", "ring", "lasting",
-}  # fmt: skip
+_BEFORE_JUNCTIONS = frozenset(
+    ["line", "priority", "choice", "shown", "enterable", "onward", "one_way_across", "ring", "lasting"]
+)
 _MINOR, _MAJOR = ("2.4", "2.5"), ("2.1", "2.3.1", "2.3.2", "2.3.3")
 
 
@@ -323,14 +323,34 @@ def _is_over(here: PlateHere, before: SignInstance) -> bool:
     return any(PlateHere(here.scene, p).is_before(before) for p in ends)
 
 
-# By the kind of place that each is named after.
-_CHECKS: Mapping[str, Callable[[PlateHere], str]] = MappingProxyType(
+_CHECKS: Mapping[Place, Callable[[PlateHere], str]] = MappingProxyType(
     {
-        check.__name__[1:]: check
-        for check in (
-            _line, _junction, _priority, _choice, _shown, _open_road, _enterable, _onward, _one_way_across, _obstacle,
-            _several_lanes, _by_its_lane, _kerb_lane, _contraflow, _mouth, _unentered, _unused, _entered, _begin,
-            _road_speed, _not_before_yield, _crossing, _ring, _alone, _both_ways, _own_direction, _lasting,
-        )
+        "line": _line,
+        "junction": _junction,
+        "priority": _priority,
+        "choice": _choice,
+        "shown": _shown,
+        "open_road": _open_road,
+        "enterable": _enterable,
+        "onward": _onward,
+        "one_way_across": _one_way_across,
+        "obstacle": _obstacle,
+        "several_lanes": _several_lanes,
+        "by_its_lane": _by_its_lane,
+        "kerb_lane": _kerb_lane,
+        "contraflow": _contraflow,
+        "mouth": _mouth,
+        "unentered": _unentered,
+        "unused": _unused,
+        "entered": _entered,
+        "begin": _begin,
+        "road_speed": _road_speed,
+        "not_before_yield": _not_before_yield,
+        "crossing": _crossing,
+        "ring": _ring,
+        "alone": _alone,
+        "both_ways": _both_ways,
+        "own_direction": _own_direction,
+        "lasting": _lasting,
     }
-)  # fmt: skip
+)

@@ -17,7 +17,6 @@ from tsbench.geometry.elementary import LEFT, RIGHT, STRAIGHT, U_TURN, turn_clas
 from tsbench.geometry.polyline import Polyline
 from tsbench.roads.lane_graph import LaneGraph, Turn, heading_change
 from tsbench.roads.network import Edge
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.model import Distances
 
 _MOST_EDGES = 40
@@ -245,9 +244,9 @@ def _of(turns: Mapping[str, str], side: str) -> frozenset[str]:
 
 
 @lru_cache(maxsize=4)
-def plate_roads(graph: LaneGraph) -> PlateRoads:
-    """The roads of a network by the table's distances."""
-    return PlateRoads(graph=graph, distances=load_catalog().distances)
+def plate_roads(graph: LaneGraph, distances: Distances) -> PlateRoads:
+    """The roads of a network by a catalogue's distances."""
+    return PlateRoads(graph=graph, distances=distances)
 
 
 def _places(length: float) -> list[float]:

@@ -114,7 +114,9 @@ class SceneFileWriter:
         root = etree.Element("additional")
         root.extend(self._elements(others or OtherTraffic((), 0.0, None)))
         vehicles = routed_vehicles(root=root, network=network, lawful=a.compliant_hint or a.route_hint)
-        return PlacedPlates(self.catalog, plate_roads(self.roads.graph), a.signs, a.obstacles, vehicles)
+        return PlacedPlates(
+            self.catalog, plate_roads(self.roads.graph, self.catalog.distances), a.signs, a.obstacles, vehicles
+        )
 
     def _elements(self, others: OtherTraffic) -> list[etree._Element]:
         a, network = self.a, self.roads.network
@@ -200,7 +202,7 @@ class SceneFileWriter:
         if others:
             return replace(ask, avoid_turns=ask.avoid_turns | others)
         edge, onto = min(jammed)
-        roads, convoy = plate_roads(self.roads.graph), self.a.convoy
+        roads, convoy = plate_roads(self.roads.graph, self.catalog.distances), self.a.convoy
         road = roads.back(edge=edge, s=0.0).edges[::-1]
         ego = {*self.a.route_hint, *self.a.compliant_hint}
         kept = ego.union(convoy.edges if convoy else ())

@@ -178,7 +178,9 @@ def lint_places(scene: Scene, graph: LaneGraph, scenario_id: str = "") -> tuple[
 
 def placed_plates(scene: Scene, graph: LaneGraph) -> PlacedPlates:
     """What decides where a loaded scene's plates can stand."""
-    return PlacedPlates(scene.catalog, plate_roads(graph), scene.signs, scene.obstacles, scene_vehicles(scene))
+    return PlacedPlates(
+        scene.catalog, plate_roads(graph, scene.catalog.distances), scene.signs, scene.obstacles, scene_vehicles(scene)
+    )
 
 
 def lint_rows(

@@ -36,7 +36,8 @@ from tsbench.report.analyses.columns import (
     with_rings,
 )
 from tsbench.report.analyses.run_pool import RunPool, read_pool
-from tsbench.run.log.read import read_run
+from tsbench.run.log.manifest import city_of, read_manifest
+from tsbench.scenarios.data_set import DataSet
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -272,4 +273,6 @@ _OF_RUNS = {"ablation": _later("paired_runs", "ablation"), "perception": _later(
 def analyse_runs(name: str, paths: Sequence[Path], allow_partial: bool) -> Analysis:
     """The analysis `name` of stored runs. Raises InputError for runs that cannot be analysed together."""
     made = _OF_RUNS[name](paths, allow_partial) if name in _OF_RUNS else OF_POOL[name](read_pool(paths, allow_partial))
-    return replace(made, data=read_run(paths[0]).data)
+    manifest = read_manifest(paths[0])
+    assert manifest is not None, "it has been analysed"
+    return replace(made, data=DataSet.named(city_of(manifest)))
