@@ -156,8 +156,8 @@ def cut(packed: Packed, matrix: Array, channels: int, rows: int, columns: int) -
     x, y = (np.rint(place * _FINE).astype(np.int64) for place in places)
     u, v = (x & (_FINE - 1)).view(np.uint64), (y & (_FINE - 1)).view(np.uint64)
     h, w = packed.shape
-    column = np.clip((x >> _FINE_BITS) + _FRAME, 0, w - 2)
-    row = np.clip((y >> _FINE_BITS) + _FRAME, 0, h - 2)
+    column = np.minimum(np.maximum((x >> _FINE_BITS) + _FRAME, 0), w - 2)
+    row = np.minimum(np.maximum((y >> _FINE_BITS) + _FRAME, 0), h - 2)
     at = row * w + column
     pixels = packed.ravel()
     both = (u * v + np.uint64(_FINE // 2)) >> np.uint64(_FINE_BITS)

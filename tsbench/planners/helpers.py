@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import cache
 
 from tsbench.planners.base import Observation, PlannerContext, SignView
 from tsbench.planners.geometry import HALF_LENGTH_M, moving_ahead, obstacle_ahead
@@ -13,6 +14,8 @@ from tsbench.roads.road_map import Crossing, MapLane, RoadMap
 from tsbench.signs.catalog import load_catalog
 
 _BESIDE_M = 20.0
+# Looked up once: `identified` is asked for every sign of every tick.
+_codes_of_outlines = cache(lambda: load_catalog().code_of_outline)
 
 
 class RoadAhead:
@@ -69,7 +72,7 @@ def identified(sign: SignView) -> SignView:
     An octagon is 2.5, an inverted triangle 2.4, a diamond 2.1. A triangle is 2.3.1 to 2.3.3, which ask the same, and is
     taken for 2.3.1. All others are given back as they are: their code stays "".
     """
-    code = "" if sign.code or not sign.outline else load_catalog().code_of_outline.get(sign.outline, "")
+    code = "" if sign.code or not sign.outline else _codes_of_outlines().get(sign.outline, "")
     return replace(sign, code=code) if code else sign
 
 

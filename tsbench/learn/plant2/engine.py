@@ -1,9 +1,8 @@
 """The network without torch: the same plan, in the same bits, on every CPU and in every batch.
 
 Only tokens that are there are reckoned with, and in the last layer only those whose answers somebody reads: exact sums
-make both free of consequences. Tokens are columns: few as they are, products and sums by feature then take half the
-time. `Embedding` makes each of a record's parts a column of the encoder's input; the encoders of the bird's-eye patch
-are as their torch counterparts, one token each.
+make both free of consequences. `Embedding` makes each of a record's parts a row of the encoder's input; the encoders of
+the bird's-eye patch are as their torch counterparts, one token each.
 """
 
 from __future__ import annotations
@@ -25,9 +24,9 @@ from tsbench.learn.fixed_point import (
     Curve,
     Linear,
     Parameters,
-    column_sums,
     gelu,
     rectified,
+    row_sums,
     snap,
     softmax,
     tree_sum,
@@ -108,7 +107,7 @@ _TOLD = max(at.OBJECT_FEATURES, at.SIGN_FEATURES, at.HELD_FEATURES) + 1
 
 
 class Embedding:
-    """(b,) records to (width, n) tokens of one record after the other, and where each record's end.
+    """(b,) records to (n, width) tokens of one record after the other, and where each record's end.
 
     Of each record the queries come first, and then the speed token, where it reads signs; the order of the others has
     no consequences. Attributes: norm: most that a token's Euclidean norm is.
@@ -150,8 +149,7 @@ class Embedding:
         ends = [len(x)]
         if b > 1:
             x, ends = x[np.argsort(owners, kind="stable")], np.cumsum(np.bincount(owners)).tolist()
-        x = np.ascontiguousarray(x.T)
-        x *= _LONGEST / np.maximum(np.sqrt(column_sums(x * x)), _LONGEST)
+        x *= _LONGEST / np.maximum(np.sqrt(row_sums(x * x)), _LONGEST)
         return snap(x), ends
 
     def _classed(self, records: at.Records) -> tuple[Array, npt.NDArray[np.intp]]:
@@ -200,8 +198,8 @@ class EngineHead:
         self._second = Linear(*of.linear(f"{name}.second"), bound=self._first.bound, snapped=None)
 
     def __call__(self, x: Array) -> Array:
-        """(width, n) to (out, n)."""
-        return self._second.columns(self._bend(self._first.columns(x)))
+        """(n, width) to (n, out)."""
+        return self._second(self._bend(self._first(x)))
 
 
 class Layer:
@@ -237,30 +235,34 @@ class Layer:
         self.norm = self._done.norm
 
     def __call__(self, x: Array, ends: list[int], kept: npt.NDArray[np.intp] | None = None) -> Array:
-        """(width, n): tokens of one sample after the other. ends: where each sample's end. kept: whose answers are
+        """(n, width): tokens of one sample after the other. ends: where each sample's end. kept: whose answers are
         wanted, None for all.
         """
         heads, width = self._heads, self._width
         if kept is None:
-            projected, lasts = self._project.columns(x), ends
-            queries, told = projected[:width], projected[width:]
+            projected, lasts = self._project(x), ends
+            queries, told = projected[:, :width], projected[:, width:]
         else:
-            told, lasts = self._tell.columns(x), np.searchsorted(kept, ends).tolist()
-            x = x.take(kept, axis=1)
-            queries = self._ask.columns(x)
-        # Each (heads, width of a head, n).
-        queries = queries.reshape(heads, width // heads, -1)
-        keys, values = told.reshape(2, heads, width // heads, -1)
-        mixed = np.empty(queries.shape)
+            told, lasts = self._tell(x), np.searchsorted(kept, ends).tolist()
+            x = x.take(kept, axis=0)
+            queries = self._ask(x)
+        # Each (heads, n, width of a head).
+        queries, keys, values = (
+            part.reshape(len(part), heads, -1).transpose(1, 0, 2)
+            for part in (queries, told[:, :width], told[:, width:])
+        )
+        mixed = np.empty((len(x), heads, width // heads))
         start = first = 0
         for end, last in zip(ends, lasts, strict=True):
-            scores = keys[:, :, start:end].transpose(0, 2, 1) @ queries[:, :, first:last]
-            np.matmul(values[:, :, start:end], softmax(scores, self._share_bits), out=mixed[:, :, first:last])
+            scores = np.empty((end - start, heads, last - first))
+            np.matmul(keys[:, start:end], queries[:, first:last].transpose(0, 2, 1), out=scores.transpose(1, 0, 2))
+            shares = softmax(scores, self._share_bits).transpose(1, 2, 0)
+            np.matmul(shares, values[:, start:end], out=mixed[first:last].transpose(1, 0, 2))
             start, first = end, last
-        y = self._join.columns(snap(mixed.reshape(width, -1)))
+        y = self._join(snap(mixed.reshape(-1, width)))
         y += x
         x = self._attended(y)
-        y = self._narrow.columns(self._bend(self._wide.columns(x)))
+        y = self._narrow(self._bend(self._wide(x)))
         y += x
         return self._done(y)
 
@@ -303,9 +305,9 @@ class Plant2Engine:
         for layer in self._layers[:-1]:
             x = layer(x, ends)
         x = self._layers[-1](x, ends, kept)
-        speed = self._ego_speed.columns if self._reads_signs else self._speed
-        target = speed(x[:, QUERIES if self._reads_signs else SPEED :: asked])
-        return plans(self._path(x[:, PATH::asked]).T, self._waypoints(x[:, WAYPOINT::asked]).T, target.T)
+        speed = self._ego_speed if self._reads_signs else self._speed
+        target = speed(x[QUERIES if self._reads_signs else SPEED :: asked])
+        return plans(self._path(x[PATH::asked]), self._waypoints(x[WAYPOINT::asked]), target)
 
 
 def plans(steps: Array, waypoint_steps: Array, logits: Array) -> at.Records:

@@ -30,7 +30,6 @@ from tsbench.learn.plant2.tokens import (
     Tokeniser,
     points_ahead,
     size_of,
-    to_frame,
 )
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.batching import Infer, check_device
@@ -58,25 +57,35 @@ class Gains:
     halt: float = 0.4
 
 
-def control(path: Array, speed: float, ego: EgoState, gains: Gains, driven: float = 0.0) -> Control:
-    """The command for a path ((k, 2) m in the ego's frame, one point each metre) and a target speed (m/s).
+def control(path: Array, speed: float, ego: EgoState, gains: Gains, since: EgoState | None = None) -> Control:
+    """The command for a path ((k, 2) m, one point each metre) and a target speed (m/s).
 
-    driven: metres since the place that the path begins at. PD control on path and speed, in m, s, m/s and rad. There is
-    no integral part: the vehicle does exactly what the command says, and without memory the plan and the ego's state
-    alone give the command.
+    since: the ego in whose frame the path is, where it has driven on from there; None: it is there. PD control on path
+    and speed, in m, s, m/s and rad. There is no integral part: the vehicle does exactly what the command says, and
+    without memory the plan and the ego's state alone give the command.
     """
     target_speed = 0.0 if speed < gains.halt else speed
     acceleration = gains.speed_p * (target_speed - ego.speed) - gains.speed_d * ego.acceleration
     ahead = max(gains.ahead_m, gains.ahead_s * ego.speed)
+    driven = 0.0 if since is None else math.hypot(ego.x - since.x, ego.y - since.y)
     place = min(driven + ahead, float(len(path))) - 1.0
     k = min(int(place), len(path) - 2)
     share = place - k
-    tx = float(path[k, 0] + share * (path[k + 1, 0] - path[k, 0]))
-    ty = float(path[k, 1] + share * (path[k + 1, 1] - path[k, 1]))
+    (px, py), (qx, qy) = path[k : k + 2] if since is None else _driven_past(path[k : k + 2], since, ego)
+    tx, ty = float(px + share * (qx - px)), float(py + share * (qy - py))
     steering = pursue(0.0, 0.0, 0.0, tx, ty) if math.hypot(tx, ty) > 0.5 else 0.0
     asked = 2.0 * math.sin(math.atan2(ty, max(tx, 0.1))) / max(math.hypot(tx, ty), 1.0) * ego.speed
     steering -= gains.yaw_d * (ego.yaw_rate - asked)
     return Control(min(max(acceleration, gains.least), gains.most), steering)
+
+
+def _driven_past(points: Array, since: EgoState, ego: EgoState) -> Iterator[tuple[float, float]]:
+    """From the frame of an earlier ego to that of a later one."""
+    c, s = math.cos(since.heading), math.sin(since.heading)
+    turned, tilted = math.cos(ego.heading), math.sin(ego.heading)
+    for along, left in points.tolist():
+        dx, dy = c * along - s * left + since.x - ego.x, s * along + c * left + since.y - ego.y
+        yield turned * dx + tilted * dy, turned * dy - tilted * dx
 
 
 # Ticks that a plan is followed.
@@ -131,12 +140,7 @@ class Plant2:
         if self._plan is None or o.step % HOLD_TICKS == 0:
             self._plan, self._since = self.infer(self.encode(o))[0], o.ego
             return control(self._plan["path"], self.target_speed(self._plan), o.ego, self._gains)
-        then, c, s = self._since, math.cos(self._since.heading), math.sin(self._since.heading)
-        along, left = self._plan["path"].astype(np.float64).T
-        points = np.column_stack((c * along - s * left + then.x, s * along + c * left + then.y))
-        seen = to_frame(points, (o.ego.x, o.ego.y, o.ego.heading))
-        driven = math.hypot(o.ego.x - then.x, o.ego.y - then.y)
-        return control(seen, self.target_speed(self._plan), o.ego, self._gains, driven)
+        return control(self._plan["path"], self.target_speed(self._plan), o.ego, self._gains, self._since)
 
     def encode(self, observation: Observation) -> Records:
         assert self._tokeniser is not None, "act before reset"

@@ -291,4 +291,4 @@ def to_frame(points: Array, pose: Pose) -> Array:
     """(k, 2) world points in the frame of a pose."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     dx, dy = points[:, 0] - pose[0], points[:, 1] - pose[1]
-    return np.column_stack((c * dx + s * dy, c * dy - s * dx))
+    return np.array((c * dx + s * dy, c * dy - s * dx)).T
