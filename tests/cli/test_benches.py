@@ -13,7 +13,7 @@ from command_line import in_process, refused
 from patience import HANG_S
 
 from tsbench.cli import benches
-from tsbench.cli.benches import FreshPrice, Price
+from tsbench.cli.benches import Price
 
 
 def test_it_drives_both_ways(tmp_path: Path) -> None:
@@ -33,7 +33,7 @@ def test_it_drives_both_ways(tmp_path: Path) -> None:
 def test_it_says_whether_the_goal_for_fresh_episodes_is_met(
     in_child: float, said: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(benches, "bench_fresh", lambda *_: FreshPrice(50.0, in_child))
+    monkeypatch.setattr(benches, "bench_fresh", lambda *_: {"together_ms": 50.0, "in_child_ms": in_child})
     out, _ = in_process("bench", capsys)("--fresh")
     figures = next(line for line in out.splitlines() if f"{in_child:.1f}" in line)
     assert figures.split() == ["50.0", f"{in_child:.1f}", f"{in_child - 50.0:.1f}", *said.split()]

@@ -55,7 +55,7 @@ def test_a_trace_comes_back_bit_for_bit(tmp_path: Path) -> None:
     assert trace.contact == episode.contact
     assert (trace.target, trace.others) == (episode.target, episode.others)
     assert trace.needless == episode.needless
-    assert [event.start_s for event in trace.events] == [3.1, 4.0, 9.5]
+    assert [event.start_s for event in trace.against] == [3.1, 4.0, 9.5]
     assert trace.start_remaining_m == episode.start_remaining_m
     assert [p.name for p in path.parent.iterdir()] == [path.name]
 

@@ -141,7 +141,7 @@ def test_the_wrong_way_is_no_pass_and_no_violation_of_the_sign() -> None:
 def test_no_tick_no_metrics() -> None:
     facts = made.facts(driving(2))
     with pytest.raises(ValueError, match="without a tick"):
-        episode_metrics(EpisodeFacts(facts.scene, [], facts.route, 1.0, facts.outcome, None, facts.target, ()))
+        episode_metrics(replace(facts, snapshots=[]))
 
 
 def test_one_tick_is_enough() -> None:

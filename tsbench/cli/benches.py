@@ -16,7 +16,7 @@ import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from multiprocessing.synchronize import Barrier
 from typing import Final
@@ -45,23 +45,8 @@ TICKS = 300
 VEHICLES = (10.0, 14.0)
 
 
-@dataclass(frozen=True)
-class BenchResult:
-    """Ticks per second of one core; mean vehicles; ms to a new episode in a warm worker; two workers by one."""
-
-    bare_ticks_per_s: float
-    ego_ticks_per_s: float
-    full_ticks_per_s: float
-    vehicles: float
-    episode_start_ms: float
-    workers_speedup: float
-
-    def to_dict(self) -> dict[str, float]:
-        return {k: round(v, 4) for k, v in asdict(self).items()}
-
-
 class _Loops:
-    """The three loops over one scene; each returns (seconds, ticks, vehicle-ticks)."""
+    """The three loops over one scene; each returns seconds and ticks, those with an ego vehicle-ticks, too."""
 
     def __init__(self) -> None:
         # One simulation per process: the loops and the runner take turns with it.
@@ -76,14 +61,13 @@ class _Loops:
         elif phase == Phase.SCORING and not self._loop_began:
             self._loop_began = time.process_time()
 
-    def bare(self, spec: ScenarioSpec) -> tuple[float, int, int]:
+    def bare(self, spec: ScenarioSpec) -> tuple[float, int]:
         scene, _ = self.loader.load(spec)
         self.sim.load_scene(scene)
         began = time.process_time()
         for _ in range(TICKS):
             self.sim.step()
-        seconds = time.process_time() - began
-        return seconds, TICKS, TICKS * len(self.sim.fleet())
+        return time.process_time() - began, TICKS
 
     def ego(self, spec: ScenarioSpec) -> tuple[float, int, int]:
         """The ego rolls along its path at 5 m/s, placed and read at each tick."""
@@ -169,8 +153,10 @@ def _throughput(specs: Sequence[ScenarioSpec], workers: int) -> float:
     return workers * len(specs) / max(took)
 
 
-def run_bench(scenes: int, rounds: int, progress: Callable[[str], None]) -> BenchResult:
-    """Measure; the figure of each loop is the median over rounds of ticks by seconds over all scenes."""
+def run_bench(scenes: int, rounds: int, progress: Callable[[str], None]) -> dict[str, float]:
+    """Ticks per second of one core, the median over rounds of ticks by seconds over all scenes, by loop; mean vehicles;
+    ms to a new episode in a warm worker; two workers by one.
+    """
     specs = bench_scenes(scenes)
     loops = _Loops()
     rates: dict[str, list[float]] = {"bare": [], "ego": [], "full": []}
@@ -181,49 +167,36 @@ def run_bench(scenes: int, rounds: int, progress: Callable[[str], None]) -> Benc
         sums: dict[str, list[float]] = {name: [0.0, 0.0] for name in rates}
         for spec in specs:
             full = loops.full(spec)
-            for name, (seconds, ticks, count) in (
-                ("bare", loops.bare(spec)),
-                ("ego", loops.ego(spec)),
-                ("full", full[:3]),
-            ):
+            for name, (seconds, ticks) in {
+                "bare": loops.bare(spec),
+                "ego": loops.ego(spec)[:2],
+                "full": full[:2],
+            }.items():
                 sums[name][0] += seconds
                 sums[name][1] += ticks
-                if name == "full":
-                    vehicles.append(count / max(ticks, 1))
+            vehicles.append(full[2] / max(full[1], 1))
             starts.append(full[3])
         for name, (spent, done) in sums.items():
             rates[name].append(done / spent)
     loops.runner.close()
     progress("one worker, then two")
     speedups = [_throughput(specs, 2) / _throughput(specs, 1) for _ in range(max(rounds // 2, 1))]
-    return BenchResult(
-        bare_ticks_per_s=statistics.median(rates["bare"]),
-        ego_ticks_per_s=statistics.median(rates["ego"]),
-        full_ticks_per_s=statistics.median(rates["full"]),
-        vehicles=statistics.mean(vehicles),
-        episode_start_ms=1000.0 * statistics.median(starts),
-        workers_speedup=statistics.median(speedups),
-    )
+    return {
+        **{f"{name}_ticks_per_s": statistics.median(found) for name, found in rates.items()},
+        "vehicles": statistics.mean(vehicles),
+        "episode_start_ms": 1000.0 * statistics.median(starts),
+        "workers_speedup": statistics.median(speedups),
+    }
 
 
 GOAL_MS: Final = 15.0
 _PLANNER = "blind"
 
 
-@dataclass(frozen=True)
-class FreshPrice:
-    """Processor time of an episode, ms: medians over rounds of the mean over scenes. together: played by the worker."""
-
-    together_ms: float
-    in_child_ms: float
-
-    @property
-    def difference_ms(self) -> float:
-        return self.in_child_ms - self.together_ms
-
-
-def bench_fresh(scenes: int, rounds: int) -> FreshPrice:
-    """Drive scenes of dev both ways. Children come first: a worker that forks has played nothing itself."""
+def bench_fresh(scenes: int, rounds: int) -> dict[str, float]:
+    """Processor time of an episode, ms: medians over rounds of the mean over scenes of dev, played by the worker and in
+    its children. Children come first: a worker that forks has played nothing itself.
+    """
     rows = sorted(choose(DataSet().table("dev"), scenes), key=lambda row: row.net)
     runner = EpisodeRunner(resolve(_PLANNER))
     for row in rows:
@@ -256,7 +229,7 @@ def bench_fresh(scenes: int, rounds: int) -> FreshPrice:
         ]
     finally:
         runner.close()
-    return FreshPrice(together_ms=found[1], in_child_ms=found[0])
+    return {"together_ms": found[1], "in_child_ms": found[0]}
 
 
 PLANNERS: Final = ("idm", "idm-e")
@@ -275,10 +248,6 @@ class Price:
     together_us: float | None
     isolated_us: float
     apart_us: float
-
-    @property
-    def difference_us(self) -> float | None:
-        return None if self.together_us is None else self.isolated_us - self.together_us
 
 
 def bench_isolation(planners: Sequence[str], scenes: int, rounds: int) -> list[Price]:

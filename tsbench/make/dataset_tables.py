@@ -27,6 +27,18 @@ _SHARES = {"tagged": "tagged_share", **{name: name for name in _SAME}, "again": 
 # The columns of the page's own table: as many as are as wide as a page.
 _SHOWN = ("type", "rows", "pairs", "places", "tagged", "gap_s", "seen")
 Progress = Callable[[int, int], None]
+# What rows differ in, with heads: distinct values in a type, distinct values on a map (mean over maps), and shares of
+# rows that differ from every other row of their map.
+_IN_TYPE = {"plates": "plates and values", "speeds": "initial speeds", "densities": "densities"}
+_ON_MAP = {
+    "distractors": "sets of distractors",
+    "lanes": "start lanes",
+    "destinations": "destinations",
+    "approaches": "approaches",
+    "lengths": "route lengths",
+}
+_APART = {"apart": "apart", "apart_bare": "apart without distractors"}
+Axes = dict[str, float]
 # Of a routing type's test maps at most this share is to be from the generalised extract (docs/scenes.md).
 GOAL = 0.3
 ROUTING = "routing"
@@ -83,27 +95,18 @@ def dataset_tables(stats: Sequence[TypeStats], report: Sequence[Mapping[str, Any
     )
 
 
-def axes_table(axes: Sequence[TypeAxes]) -> Analysis:
-    """In what a type's rows differ."""
-    counts = {"plates": "plates and values", "speeds": "initial speeds", "densities": "densities"}
-    means = {
-        "distractors": "sets of distractors",
-        "lanes": "start lanes",
-        "destinations": "destinations",
-        "approaches": "approaches",
-        "lengths": "route lengths",
-    }
-    shares = {"apart": "apart", "apart_bare": "apart without distractors"}
+def axes_table(axes: Mapping[tuple[str, str], Axes]) -> Analysis:
+    """In what a type's rows differ, by type and split."""
     columns = (
         *text_columns("type", "split"),
-        *count_columns(**counts),
-        *(Column(key, head, Kind.NUMBER) for key, head in means.items()),
-        *text_columns(*shares.values()),
+        *count_columns(**_IN_TYPE),
+        *(Column(key, head, Kind.NUMBER) for key, head in _ON_MAP.items()),
+        *text_columns(*_APART.values()),
     )
     rows = []
-    for a in axes:
-        numbers = (getattr(a, key) for key in (*counts, *means))
-        rows.append(Row((a.type_id, a.split, *numbers, *(_percent(getattr(a, key)) for key in shares))))
+    for key, found in axes.items():
+        numbers = (found[name] for name in (*_IN_TYPE, *_ON_MAP))
+        rows.append(Row((*key, *numbers, *(_percent(found[name]) for name in _APART))))
     notes = (
         "Signed rows. Plates and values, initial speeds and densities: distinct ones in the type. The next five: "
         "distinct ones on a map, mean over maps. apart: % of rows that differ from every other row of their map in "
@@ -176,31 +179,6 @@ def _reasons(reasons: Mapping[str, int]) -> str:
 
 
 @dataclass(frozen=True)
-class TypeAxes:
-    """Signed rows of a type in one split.
-
-    plates, speeds, densities: distinct values in the type: of the plate with what it posts, initial speeds, densities.
-    distractors, lanes, destinations, approaches, lengths: distinct values on a map, mean over maps: sets of plates that
-    do not bind, lanes in which the ego starts, edges where it is to arrive, edges of the plate, asked lengths of route.
-    apart: share of rows that differ from every other row of their map in plate, value, distractors, start lane or
-    destination. apart_bare: likewise without distractors.
-    """
-
-    type_id: str
-    split: str
-    plates: int
-    speeds: int
-    densities: int
-    distractors: float
-    lanes: float
-    destinations: float
-    approaches: float
-    lengths: float
-    apart: float
-    apart_bare: float
-
-
-@dataclass(frozen=True)
 class Asked:
     """What one row asks: the plate and its value, other plates, where the ego starts, and where it is to arrive."""
 
@@ -221,7 +199,7 @@ def asked_of(layout: SceneLayout) -> Asked:
     return Asked((target.code, target.value), target.edge, tuple(others), layout.start.lane, layout.destination.edge)
 
 
-def type_axes(data: DataSet, specs: Sequence[ScenarioSpec], progress: Progress) -> list[TypeAxes]:
+def type_axes(data: DataSet, specs: Sequence[ScenarioSpec], progress: Progress) -> dict[tuple[str, str], Axes]:
     """One entry per type and split, in alphabetical order. Reads each signed row's scene. Raises InputError."""
     loader = SceneLoader(data)
     # Rows of a map one after the other: the store unpacks a map at a time.
@@ -231,10 +209,10 @@ def type_axes(data: DataSet, specs: Sequence[ScenarioSpec], progress: Progress) 
         progress(number + 1, len(signed))
         asked = asked_of(loader.layout(spec)[1])
         groups[(spec.pair_type, spec.split)].append((spec, asked))
-    return [axes_of(*key, rows) for key, rows in sorted(groups.items())]
+    return {key: axes_of(rows) for key, rows in sorted(groups.items())}
 
 
-def axes_of(type_id: str, split: str, rows: Sequence[tuple[ScenarioSpec, Asked]]) -> TypeAxes:
+def axes_of(rows: Sequence[tuple[ScenarioSpec, Asked]]) -> Axes:
     maps: dict[str, list[tuple[ScenarioSpec, Asked]]] = defaultdict(list)
     for spec, asked in rows:
         maps[spec.map_id].append((spec, asked))
@@ -249,20 +227,18 @@ def axes_of(type_id: str, split: str, rows: Sequence[tuple[ScenarioSpec, Asked]]
             alone += sum(count == 1 for count in tally.values())
         return alone / len(rows)
 
-    return TypeAxes(
-        type_id,
-        split,
-        plates=len({asked.plate for _, asked in rows}),
-        speeds=len({spec.initial_speed for spec, _ in rows}),
-        densities=len({spec.density for spec, _ in rows}),
-        distractors=on_a_map(lambda _, asked: asked.distractors),
-        lanes=on_a_map(lambda _, asked: asked.lane),
-        destinations=on_a_map(lambda _, asked: asked.destination),
-        approaches=on_a_map(lambda _, asked: asked.approach),
-        lengths=on_a_map(lambda spec, _: spec.route_length),
-        apart=apart(lambda asked: asked),
-        apart_bare=apart(lambda asked: asked.bare),
-    )
+    return {
+        "plates": len({asked.plate for _, asked in rows}),
+        "speeds": len({spec.initial_speed for spec, _ in rows}),
+        "densities": len({spec.density for spec, _ in rows}),
+        "distractors": on_a_map(lambda _, asked: asked.distractors),
+        "lanes": on_a_map(lambda _, asked: asked.lane),
+        "destinations": on_a_map(lambda _, asked: asked.destination),
+        "approaches": on_a_map(lambda _, asked: asked.approach),
+        "lengths": on_a_map(lambda spec, _: spec.route_length),
+        "apart": apart(lambda asked: asked),
+        "apart_bare": apart(lambda asked: asked.bare),
+    }
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,6 @@ class RunPlan:
     rows, in the order of their ids. types: ids of the chosen types, in the catalogue's order.
     """
 
-    request: RunOptions
-    data: DataSet
     table: tuple[ScenarioSpec, ...]
     scenarios: tuple[ScenarioSpec, ...]
     types: tuple[str, ...]
@@ -59,7 +57,7 @@ def make_plan(request: RunOptions, data: DataSet) -> RunPlan:
         first = _draw if request.variants in DRAWN else _nominal
         chosen = spread(sorted(chosen, key=first), types, request.limit)
     check_files(chosen, data)
-    return RunPlan(request, data, table, tuple(chosen), tuple(t for t in types if t in present))
+    return RunPlan(table, tuple(chosen), tuple(t for t in types if t in present))
 
 
 def types_and_groups(catalog: Catalog) -> list[str]:

@@ -12,7 +12,6 @@ import pytest
 from tsbench.make.dataset_tables import (
     Asked,
     Tagging,
-    TypeAxes,
     asked_of,
     axes_of,
     axes_table,
@@ -74,10 +73,10 @@ def test_the_page_counts_rows_by_split_and_shows_those_of_test() -> None:
 
 
 def test_in_what_rows_differ() -> None:
-    found = TypeAxes("stop", "test", 1, 3, 4, 7.9, 1.0, 2.4, 1.0, 2.4, 0.795, 0.015)
-    row = cells(axes_table([found]))
-    assert (row["plates and values"], row["densities"], row["destinations"]) == (1, 4, 2.4)
-    assert (row["apart"], row["apart without distractors"]) == ("79.5", "1.5")
+    found = axes_of(rows(ASKED, replace(ASKED, distractors=OTHER), replace(ASKED, plate=("2.5", None))))
+    row = cells(axes_table({("stop", "test"): found}))
+    assert (row["plates and values"], row["densities"], row["destinations"]) == (2, 3, 1.0)
+    assert (row["apart"], row["apart without distractors"]) == ("100", "33.3")
 
 
 def test_generalised_maps_and_the_goal_for_routing_types() -> None:
@@ -101,34 +100,28 @@ def rows(*asked: Asked, map_id: str = "j") -> list[tuple[ScenarioSpec, Asked]]:
     return [(replace(SPEC, map_id=map_id, variant=k, density=float(k)), one) for k, one in enumerate(asked)]
 
 
-def test_who_asks_the_same_is_not_apart() -> None:
-    assert axes_of("yield", "test", rows(ASKED, ASKED, ASKED)).apart == 0.0
-
-
-def test_each_part_of_what_is_asked_sets_a_row_apart() -> None:
-    for other in (
-        replace(ASKED, plate=("2.5", None)),
-        replace(ASKED, approach="west"),
-        replace(ASKED, lane="south_1"),
-        replace(ASKED, destination="east"),
-    ):
-        found = axes_of("yield", "test", rows(ASKED, ASKED, other))
-        assert found.apart == found.apart_bare == pytest.approx(1 / 3)
-
-
-def test_distractors_alone_are_told_from_the_rest() -> None:
-    found = axes_of("yield", "test", rows(ASKED, replace(ASKED, distractors=OTHER)))
-    assert (found.apart, found.apart_bare, found.distractors) == (1.0, 0.0, 2.0)
-
-
-def test_rows_of_other_maps_do_not_count() -> None:
-    found = axes_of("yield", "test", rows(ASKED) + rows(ASKED, map_id="k"))
-    assert (found.apart, found.lanes, found.plates) == (1.0, 1.0, 1)
-
-
-def test_values_are_counted_once_a_type() -> None:
-    found = axes_of("yield", "test", rows(ASKED, replace(ASKED, plate=("2.4", 5.0)), ASKED))
-    assert (found.plates, found.speeds, found.densities) == (2, 1, 3)
+@pytest.mark.parametrize(
+    ("asked", "figures"),
+    [
+        pytest.param(rows(ASKED, ASKED, ASKED), {"apart": 0.0}, id="who asks the same is not apart"),
+        *(
+            pytest.param(rows(ASKED, ASKED, other), {"apart": pytest.approx(1 / 3), "apart_bare": pytest.approx(1 / 3)})
+            for other in (
+                replace(ASKED, plate=("2.5", None)),
+                replace(ASKED, approach="west"),
+                replace(ASKED, lane="south_1"),
+                replace(ASKED, destination="east"),
+            )
+        ),
+        (rows(ASKED, replace(ASKED, distractors=OTHER)), {"apart": 1.0, "apart_bare": 0.0, "distractors": 2.0}),
+        # Rows of other maps do not count.
+        (rows(ASKED) + rows(ASKED, map_id="k"), {"apart": 1.0, "lanes": 1.0, "plates": 1}),
+        (rows(ASKED, replace(ASKED, plate=("2.4", 5.0)), ASKED), {"plates": 2, "speeds": 1, "densities": 3}),
+    ],
+)
+def test_what_sets_rows_apart(asked: list[tuple[ScenarioSpec, Asked]], figures: dict[str, float]) -> None:
+    found = axes_of(asked)
+    assert {name: found[name] for name in figures} == figures
 
 
 def test_the_target_and_what_binds_nobody_are_read_from_the_scene() -> None:
