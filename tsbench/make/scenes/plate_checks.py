@@ -179,7 +179,7 @@ def _has_lane_against(network: RoadNetwork, name: str) -> bool:
     """Has a one-way road a lane for others than cars in the other direction?"""
     edge = network.edges[name]
     against = (e for e in network.edges.values() if (e.source, e.target) == (edge.target, edge.source))
-    return any(e.lanes and all(is_reserved(network.lanes[i], "passenger") for i in e.lanes) for e in against)
+    return any(e.lanes and all(is_reserved(network.lanes[i]) for i in e.lanes) for e in against)
 
 
 def _mouth(here: PlateHere) -> str:
