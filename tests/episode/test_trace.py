@@ -117,10 +117,8 @@ def test_every_float_survives(tmp_path_factory: pytest.TempPathFactory, numbers:
     base = an_episode(2)
     odd = made.ego(*numbers[:4], acceleration=numbers[4], steering=numbers[5], yaw_rate=numbers[6], lane=lane,
                    s=numbers[7], d=numbers[8])  # fmt: skip
-    episode = EpisodeFacts(
-        base.scene, made.snapshots([odd]), base.route, numbers[9], base.outcome, None,
-        made.verdict(made.violation(value=numbers[10])), (),
-    )  # fmt: skip
+    target = made.verdict(made.violation(value=numbers[10]))
+    episode = replace(base, snapshots=made.snapshots([odd]), start_remaining_m=numbers[9], target=target)
     write_trace(path, made.result(episode))
     trace = read_trace(path)
     assert repr(trace.snapshots[0].ego) == repr(odd)
