@@ -135,7 +135,7 @@ def _title(bar: Image, driven: Sequence[Trace], tick: int) -> None:
     write(bar, x + 12, 6, f"{entry.kind}, {sees}", 15, STYLE.faint)
     text, colour = f"{tick * DT_S:.0f} s", STYLE.faint
     if all(tick >= len(trace.snapshots) - 1 for trace in driven):
-        passed = sum(not trace.events and trace.outcome == Outcome.ARRIVED for trace in driven)
+        passed = sum(not trace.against and trace.outcome == Outcome.ARRIVED for trace in driven)
         won = passed == len(driven)
         text = f"{passed} of {len(driven)} halves: pair {'passed' if won else 'failed'}"
         colour = STYLE.destination if won else STYLE.violation
@@ -144,7 +144,7 @@ def _title(bar: Image, driven: Sequence[Trace], tick: int) -> None:
 
 def _verdict(trace: Trace, tick: int) -> tuple[str, Colour, Colour]:
     """What can be said of an episode at a tick, its ground and its ink; "" where it is too early."""
-    begun = [event for event in trace.events if event.start_s <= tick * DT_S + 1e-6]
+    begun = [event for event in trace.against if event.start_s <= tick * DT_S + 1e-6]
     if begun and begun[0] in trace.needless:
         return "needless", STYLE.plate_line, STYLE.panel
     if begun:

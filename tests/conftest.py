@@ -78,6 +78,14 @@ def road(net_folder: Path) -> RoadNetwork:
     return read_network(net_folder / "road.net.xml.gz")
 
 
+@pytest.fixture(scope="module")
+def drive() -> object:
+    """A Recorder after a short drive. Its module is imported only where it is used: it takes a third of a second."""
+    from learned_scenes import record
+
+    return record()
+
+
 @pytest.fixture(scope="session")
 def sim() -> Simulation:
     return simulation()

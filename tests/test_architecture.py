@@ -90,12 +90,9 @@ for name in ("api.evaluate", "api.drive", "cli.city", "cli.scenarios", "cli.lead
 """
 
 
-def test_the_base_needs_no_extra_and_starts_without_sumo() -> None:
-    done = subprocess.run([sys.executable, "-c", BASE], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
-
-
-def test_a_report_is_made_without_sumo() -> None:
-    code = "import sys, tsbench.report.page.report_page; assert 'libsumo' not in sys.modules"
+@pytest.mark.parametrize(
+    "code", [BASE, "import sys, tsbench.report.page.report_page; assert 'libsumo' not in sys.modules"]
+)
+def test_the_base_needs_no_extra_and_starts_and_makes_reports_without_sumo(code: str) -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")

@@ -39,11 +39,6 @@ OTHERS, LIDAR = 19, 35
 
 
 @pytest.fixture(scope="module")
-def drive() -> Recorder:
-    return record()
-
-
-@pytest.fixture(scope="module")
 def o(drive: Recorder) -> Observation:
     """On a straight piece of road, in the middle of a lane."""
     found = drive.seen[0]

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
-from learned_scenes import Recorder, record, with_signs
+from learned_scenes import Recorder, with_signs
 from planner_loop import load
 
 from tsbench.bridges.nuplan import NuPlanPlanner, StateSE2, TimePoint, TrackedObjectType, states
@@ -69,11 +69,6 @@ class Straight:
 
 class Adapted(NuPlanPlanner):
     make = staticmethod(Straight)
-
-
-@pytest.fixture(scope="module")
-def drive() -> Recorder:
-    return record()
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from learned_scenes import Recorder, record
+from learned_scenes import Recorder
 
 from tsbench.bridges.nuplan import TrackedObjectType
 from tsbench.bridges.nuplan.nuplan_map import NuPlanMap
@@ -21,11 +21,6 @@ from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import CONTRAST
 
 LENGTH, WIDTH = 4.6, 1.8
-
-
-@pytest.fixture(scope="module")
-def drive() -> Recorder:
-    return record()
 
 
 @pytest.fixture(scope="module")

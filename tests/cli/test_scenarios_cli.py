@@ -203,9 +203,6 @@ def test_stats(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "X 1" in told
     assert "7 the secondary arm is … m long" in told
     assert "X 3" in told
-    # Neither map's three rows differ in what they ask.
-    assert re.search(r"^yield +test( +1){8} +0 +0 *$", told, re.MULTILINE), told
-    assert "tagged in the pool" in told
 
 
 @pytest.mark.parametrize(

@@ -55,7 +55,7 @@ def test_a_trace_comes_back_bit_for_bit(tmp_path: Path) -> None:
     assert trace.contact == episode.contact
     assert (trace.target, trace.others) == (episode.target, episode.others)
     assert trace.needless == episode.needless
-    assert [event.start_s for event in trace.events] == [3.1, 4.0, 9.5]
+    assert [event.start_s for event in trace.against] == [3.1, 4.0, 9.5]
     assert trace.start_remaining_m == episode.start_remaining_m
     assert [p.name for p in path.parent.iterdir()] == [path.name]
 
@@ -117,10 +117,8 @@ def test_every_float_survives(tmp_path_factory: pytest.TempPathFactory, numbers:
     base = an_episode(2)
     odd = made.ego(*numbers[:4], acceleration=numbers[4], steering=numbers[5], yaw_rate=numbers[6], lane=lane,
                    s=numbers[7], d=numbers[8])  # fmt: skip
-    episode = EpisodeFacts(
-        base.scene, made.snapshots([odd]), base.route, numbers[9], base.outcome, None,
-        made.verdict(made.violation(value=numbers[10])), (),
-    )  # fmt: skip
+    target = made.verdict(made.violation(value=numbers[10]))
+    episode = replace(base, snapshots=made.snapshots([odd]), start_remaining_m=numbers[9], target=target)
     write_trace(path, made.result(episode))
     trace = read_trace(path)
     assert repr(trace.snapshots[0].ego) == repr(odd)

@@ -8,11 +8,18 @@ from pathlib import Path
 import numpy as np
 from planner_loop import Body, World, cones, constant, load
 
+from tsbench.episode.outcome import EpisodeResult
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.learn.oracle.trajectories import QuantisedPlanner, Recorded, fingerprints, steps_of
 from tsbench.learn.rl.ppo_planner import SIZE
 from tsbench.planners.base import Control, Observation, PlannerContext, SignView
 from tsbench.planners.lane_change import pursue_route
+from tsbench.planners.registry import resolve
 from tsbench.planners.weights import Tensors, save_weights
 from tsbench.roads.lane_graph import Destination
+from tsbench.scenarios.scene_loader import SceneLoader
+from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import ActorKind
 
 SPEED = 8.0
@@ -48,6 +55,21 @@ def record(seconds: float = 2.0) -> Recorder:
     recorder = Recorder()
     world.run(recorder, seconds)
     return recorder
+
+
+def recorded_drive(
+    name: str, row: ScenarioSpec, simulation: Simulation, loader: SceneLoader
+) -> tuple[EpisodeResult, Recorded]:
+    """A drive of a planner, with its commands as they are stored."""
+    expert = resolve(name)
+    rounded = QuantisedPlanner(expert.factory)
+    runner = EpisodeRunner(replace(expert, factory=lambda: rounded), simulation=simulation, loader=loader)
+    result = runner.run(row)
+    ego, others = fingerprints(result.facts.snapshots)
+    return result, Recorded(
+        scenario_id=row.scenario_id, planner=name, attempt=0, part="train", rank=1, quality=0.5, comfort=None,
+        commands=steps_of(result.commands), intents=tuple(rounded.intents), ego=ego, others=others,
+    )  # fmt: skip
 
 
 def with_signs(observation: Observation) -> Observation:

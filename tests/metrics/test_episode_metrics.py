@@ -91,10 +91,8 @@ def test_off_road_scores() -> None:
 
 def test_completion_where_no_route_leads_on() -> None:
     facts = made.facts(driving(196))
-    lost = EpisodeFacts(
-        facts.scene, facts.snapshots, type(facts.route)(facts.route.path, 100.0, 0.0, math.inf), 390.0,
-        facts.outcome, None, facts.target, (),
-    )  # fmt: skip
+    nowhere = type(facts.route)(facts.route.path, 100.0, 0.0, math.inf)
+    lost = replace(facts, route=nowhere, start_remaining_m=390.0)
     left_at = 1 - (facts.route.path.destination_s - 100.0) / 390.0
     assert episode_metrics(lost).route_completion == pytest.approx(100 * left_at)
 
@@ -141,7 +139,7 @@ def test_the_wrong_way_is_no_pass_and_no_violation_of_the_sign() -> None:
 def test_no_tick_no_metrics() -> None:
     facts = made.facts(driving(2))
     with pytest.raises(ValueError, match="without a tick"):
-        episode_metrics(EpisodeFacts(facts.scene, [], facts.route, 1.0, facts.outcome, None, facts.target, ()))
+        episode_metrics(replace(facts, snapshots=[]))
 
 
 def test_one_tick_is_enough() -> None:

@@ -7,16 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learned_scenes import SPEED, Recorder, record, with_signs
+from learned_scenes import SPEED, Recorder, with_signs
 
 from tsbench.learn.rl.carl_planner import DRIVABLE, EGO, LIGHTS, LIMITS, OTHERS, ROUTE, STOPS, VEHICLES, RasterEncoder
 from tsbench.learn.rl.ppo_planner import NEIGHBOURS, RAYS, SIZE, VectorEncoder
 from tsbench.planners.observation import Observation
-
-
-@pytest.fixture(scope="module")
-def drive() -> Recorder:
-    return record()
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from learned_scenes import Recorder, ppo_tensors, record, save_carl, save_ppo
+from learned_scenes import Recorder, ppo_tensors, save_carl, save_ppo
 from scipy.special import betaincinv, ndtri
 
 from tsbench.cli.network_arithmetic import questions
@@ -23,11 +23,6 @@ BOTH = [
     pytest.param(lambda p: Ppo(folder=save_ppo(p)), id="ppo"),
     pytest.param(lambda p: Carl(folder=save_carl(p)), id="carl", marks=pytest.mark.slow),
 ]
-
-
-@pytest.fixture(scope="module")
-def drive() -> Recorder:
-    return record()
 
 
 @pytest.mark.parametrize("make", BOTH)

@@ -29,14 +29,14 @@ def drives() -> dict[str, Trace]:
             trace = trace_of(runner.run(row))
             found.setdefault(name, trace)
             # A graver clause about the vehicle that comes first would hide its gap.
-            if name == "yield signed" and {e.clause for e in trace.events} == {BLOCKED}:
+            if name == "yield signed" and {e.clause for e in trace.against} == {BLOCKED}:
                 found[BLOCKED] = trace
     return found
 
 
 def test_at_the_entry_it_is_what_the_rule_measured(drives: dict[str, Trace]) -> None:
     trace = drives[BLOCKED]
-    event = next(e for e in trace.events if e.clause == BLOCKED)
+    event = next(e for e in trace.against if e.clause == BLOCKED)
     curve = times_to_conflict(trace, load_scene(DataSet(), trace.spec))
     assert curve is not None
     assert curve[round(event.start_s / DT_S)] == pytest.approx(event.value, abs=1e-9)

@@ -99,13 +99,13 @@ def test_from_inside_the_contraflow_lane_the_way_leads_on(contra: RoadNetwork) -
 def test_ordinary_networks_have_no_such_lanes(block: RoadNetwork, cross: RoadNetwork) -> None:
     for network in (block, cross):
         ordinary = {lane.index for lane in network.lanes if not lane.internal}
-        assert open_lanes(network, "passenger") == ordinary
-        assert contraflow_lanes(network, "passenger") == {}
+        assert open_lanes(network) == ordinary
+        assert contraflow_lanes(network) == {}
 
 
 def test_a_lane_for_cars_that_comes_the_other_way_is_no_continuation(contra: RoadNetwork) -> None:
     lanes = tuple(replace(lane, allow=frozenset()) if lane.id == "cb_0" else lane for lane in contra.lanes)
-    assert contraflow_lanes(replace(contra, lanes=lanes), "passenger") == {}
+    assert contraflow_lanes(replace(contra, lanes=lanes)) == {}
 
 
 def test_navigation_of_an_ego_that_keeps_straight_on(contra: RoadNetwork) -> None:

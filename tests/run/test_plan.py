@@ -11,7 +11,6 @@ from run_helpers import specs
 
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_root
-from tsbench.run.arguments import _FLAGS, options_in
 from tsbench.run.execution.messages import Task, TaskQueue
 from tsbench.run.options import RunOptions
 from tsbench.run.plan import RunPlan, choose_variants, make_plan
@@ -25,10 +24,6 @@ def plan_of(data: Path, monkeypatch: pytest.MonkeyPatch):
     data_root.cache_clear()
     yield lambda **options: make_plan(RunOptions(("idm",), "test", **options), DataSet())
     data_root.cache_clear()
-
-
-def test_messages_of_python_know_all_flags() -> None:
-    assert {name for name, one in options_in(RunOptions).items() if one.kind == "flag"} <= set(_FLAGS)
 
 
 def ids(plan: RunPlan) -> list[str]:

@@ -62,11 +62,7 @@ def test_who_has_priority() -> None:
     assert page == catalogue
 
 
-def test_what_is_needless() -> None:
-    page = {row["needless"]: float(row["value"]) for row in table("contrast.md", "needless", "value")}
-    assert page == dict(CATALOG.needless.thresholds)
-
-
-def test_what_is_the_wrong_way() -> None:
-    page = {row["wrong_way"]: float(row["value"]) for row in table("rules.md", "wrong_way", "value")}
-    assert page == dict(CATALOG.wrong_way.thresholds)
+@pytest.mark.parametrize(("name", "file"), [("needless", "contrast.md"), ("wrong_way", "rules.md")])
+def test_what_is_needless_and_what_is_the_wrong_way(name: str, file: str) -> None:
+    page = {row[name]: float(row["value"]) for row in table(file, name, "value")}
+    assert page == dict(getattr(CATALOG, name).thresholds)

@@ -20,8 +20,8 @@ from tsbench.planners.base import Control, Observation, Planner, PlannerContext,
 from tsbench.planners.helpers import sign_ahead
 from tsbench.planners.registry import FunctionPlanner, resolve
 from tsbench.report.wording import judged_stretch, readable, sign_name, under_other_sign
-from tsbench.run.arguments import keywords
 from tsbench.run.log.record import Record, make_record
+from tsbench.run.options import keywords
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec, other_halves

@@ -42,7 +42,7 @@ def summary_frame(summary: Summary) -> pd.DataFrame:
     """Every figure of every planner."""
     rows = [{"planner": p.planner, **row} for p in summary.planners for row in _rows(p.scores, p.metrics)]
     load("pandas")
-    frame: pd.DataFrame = load("tsbench.api.figures").figures_of(rows)
+    frame: pd.DataFrame = load("tsbench.api.figures").Figures(rows)
     return frame
 
 

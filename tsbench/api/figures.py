@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pandas as pd
 
 _SHOWN = ["planner", "figure", "reading", "value", "low", "high", "n"]
@@ -32,8 +30,3 @@ class Figures(pd.DataFrame):
 
     def __str__(self) -> str:
         return repr(self)
-
-
-def figures_of(rows: list[dict[str, Any]]) -> Figures:
-    """Rows as such a table."""
-    return Figures(rows)

@@ -62,7 +62,8 @@ def standing(spec: str, split: str) -> tuple[list[Finding], PlannerInfo | None]:
         probed = describe(spec)
     except InputError as problem:
         return [*found, Finding(Level.PROBLEM, "start", str(problem))], None
-    return [*found, _sandbox(probed.effects["namespaces"]), *_about(probed.planner)], probed.planner
+    found.append(Finding(Level.OK, "isolation", f"comes up in a sandbox ({probed.effects['namespaces']})"))
+    return [*found, *_about(probed.planner)], probed.planner
 
 
 def _contract(split: str) -> Finding:
@@ -72,10 +73,6 @@ def _contract(split: str) -> Finding:
         text = f"edition {name}: code or data were changed since the release: submit refuses what is driven with it"
         return Finding(Level.PROBLEM, "contract", text)
     return Finding(Level.OK, "contract", f"{name} ({split}), contract {contract[:12]}")
-
-
-def _sandbox(made_by: str) -> Finding:
-    return Finding(Level.OK, "isolation", f"comes up in a sandbox ({made_by})")
 
 
 def _about(info: PlannerInfo) -> list[Finding]:

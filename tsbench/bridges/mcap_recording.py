@@ -185,7 +185,7 @@ def write_recording(trace: Trace, scene: Scene, path: Path) -> None:
         actors = SceneUpdateChannel("/actors", context=context)
         frames = FrameTransformChannel("/tf", context=context)
         egos = Channel("/ego", schema=_EGO_SCHEMA, context=context)
-        events = trace.events
+        events = list(trace.against)
         log = LogChannel("/violations", context=context)
         gone: set[str] = set()
         for tick, snapshot in enumerate(trace.snapshots):

@@ -171,7 +171,7 @@ def _driven(
     code, summaries = 0, {}
     for one in runs:
         try:
-            ended = drive(**{**options_of(one, over, file), "out": folder / one.name})
+            ended, _ = drive(**{**options_of(one, over, file), "out": folder / one.name})
         except InputError as problem:
             click.echo(f"{one.name}: {written_out(' '.join(str(problem).split()))}", err=True)
             code = EXIT_INPUT

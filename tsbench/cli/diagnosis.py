@@ -54,6 +54,11 @@ class Diagnosis:
     remedy: str = ""
 
 
+def _noted(name: str, text: str, remedy: str) -> Diagnosis:
+    """A note where there is a remedy, and else nothing to do."""
+    return Diagnosis(Status.NOTE if remedy else Status.OK, name, text, remedy)
+
+
 def installed(names: Iterable[str]) -> dict[str, str]:
     """Version by name of those that are installed."""
     found = {}
@@ -100,20 +105,12 @@ def check_machine() -> Iterator[Diagnosis]:
     cores = len(os.sched_getaffinity(0))
     yield Diagnosis(Status.OK, "machine", f"{cores} cores: tsbench run starts {cores} workers unless told --workers")
     memory = _free_memory() / _GIB
-    text = f"{memory:.1f} GiB of memory free"
-    if memory < WORKER_GIB * cores:
-        remedy = f"{cores} workers should have {WORKER_GIB * cores:.1f} GiB: run fewer with --workers"
-        yield Diagnosis(Status.NOTE, "machine", text, remedy)
-    else:
-        yield Diagnosis(Status.OK, "machine", text)
+    remedy = f"{cores} workers should have {WORKER_GIB * cores:.1f} GiB: run fewer with --workers"
+    yield _noted("machine", f"{memory:.1f} GiB of memory free", remedy if memory < WORKER_GIB * cores else "")
     here = Path.cwd()
     disk = shutil.disk_usage(here).free / _GIB
-    text = f"{disk:.1f} GiB of disk free at {here}"
-    if disk < RUN_GIB:
-        remedy = f"traces of a planner on the whole test split can take {RUN_GIB:.0f} GiB: write elsewhere with --out"
-        yield Diagnosis(Status.NOTE, "machine", text, remedy)
-    else:
-        yield Diagnosis(Status.OK, "machine", text)
+    remedy = f"traces of a planner on the whole test split can take {RUN_GIB:.0f} GiB: write elsewhere with --out"
+    yield _noted("machine", f"{disk:.1f} GiB of disk free at {here}", remedy if disk < RUN_GIB else "")
 
 
 def check_tools() -> Iterator[Diagnosis]:
@@ -127,11 +124,8 @@ def check_tools() -> Iterator[Diagnosis]:
         remedy = "needed for --format mp4 only: pip install 'tsbench[video]'"
         yield Diagnosis(Status.NOTE, "ffmpeg", f"none that runs: {problem}", remedy)
     browser = next((p for name in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(name))), None)
-    if browser is None:
-        remedy = "needed for the tests of pages only; reports open in any browser"
-        yield Diagnosis(Status.NOTE, "browser", "no Chromium", remedy)
-    else:
-        yield Diagnosis(Status.OK, "browser", browser)
+    remedy = "" if browser else "needed for the tests of pages only; reports open in any browser"
+    yield _noted("browser", browser or "no Chromium", remedy)
 
 
 def check_gpu() -> Iterator[Diagnosis]:
@@ -208,7 +202,7 @@ def judge_packages(asked: Iterable[str], pins: Sequence[str], there: Mapping[str
         wrong = _unmet(wanted, there)
         text = f"extra {extra} (for {use}): " + (f"lacks {', '.join(wrong)}" if wrong else "complete")
         remedy = f"only if you need it: pip install 'tsbench[{extra}]'" if wrong else ""
-        yield Diagnosis(Status.NOTE if wrong else Status.OK, "packages", text, remedy)
+        yield _noted("packages", text, remedy)
     pinned = [r for r in _requirements(pins) if r.marker is None or r.marker.evaluate()]
     known = [r for r in pinned if r.name in there]
     apart = [r for r in known if not r.specifier.contains(there[r.name], prereleases=True)]
@@ -304,15 +298,11 @@ def check_edition() -> Iterator[Diagnosis]:
         known = next((one for one in edition.editions() if name in (one.name, one.name + edition.LOCAL)), None)
         if known and split == "test" and known.kept(split) != contract:
             text += f"; results (scoring {known.scoring}) have {known.kept(split)}"
+        remedy = ""
         if name.endswith(edition.LOCAL):
-            yield Diagnosis(
-                Status.NOTE,
-                "edition",
-                f"{text}: rules, scenes, code or versions are not those released",
-                "scores compare with runs of this very installation only",
-            )
-        else:
-            yield Diagnosis(Status.OK, "edition", text)
+            text += ": rules, scenes, code or versions are not those released"
+            remedy = "scores compare with runs of this very installation only"
+        yield _noted("edition", text, remedy)
     path = data.certificates_path
     if not path.is_file():
         yield Diagnosis(Status.NOTE, "edition", f"{path}: not there", "tsbench scenarios build makes it")
@@ -327,12 +317,11 @@ def check_edition() -> Iterator[Diagnosis]:
         text = f"{path}: {len(void)} rows without a certificate of what they are, first {void[0]}"
         yield Diagnosis(Status.FAILED, "edition", text, "tsbench scenarios certify drives them again")
         return
-    text = f"{len(rows)} rows, each with a certificate of what it is"
-    if judged in ([], [SCORING]):
-        yield Diagnosis(Status.OK, "edition", text)
-    else:
+    text, remedy = f"{len(rows)} rows, each with a certificate of what it is", ""
+    if judged not in ([], [SCORING]):
         text += f", judged by scoring {', '.join(map(str, judged))}; this is scoring {SCORING}"
-        yield Diagnosis(Status.NOTE, "edition", text, "tsbench scenarios certify drives them again")
+        remedy = "tsbench scenarios certify drives them again"
+    yield _noted("edition", text, remedy)
 
 
 def _files(data: DataSet, split: str, rows: list[ScenarioSpec]) -> Diagnosis:

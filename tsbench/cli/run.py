@@ -20,7 +20,7 @@ from tsbench.report.analyses.run_analyses import run_tables
 from tsbench.report.run_ending import citation, examples, headline
 from tsbench.run.listener import listeners_of
 from tsbench.run.log.folder import TABLES_TEXT
-from tsbench.run.log.read import read_run, write_rescored
+from tsbench.run.log.read import StoredRun, read_run, write_rescored
 from tsbench.run.options import RunOptions
 from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import RunResult
@@ -38,24 +38,26 @@ def run(**given: Any) -> None:
 
     Exit codes: 0 complete, 1 with error outcomes or holes, 2 wrong usage or bad input, 130 interrupted.
     """
-    ended = drive(**given)
-    _tell(ended, table_console())
+    ended, stored = drive(**given)
+    _tell(ended, stored, table_console())
     if ended.status == "interrupted":
         sys.exit(EXIT_INTERRUPTED)
     if ended.errors or ended.finished < ended.asked:
         sys.exit(EXIT_FAILED)
 
 
-def drive(data: DataSet, **given: Any) -> RunResult:
-    """The run that the options of `tsbench run` ask for, in a data set; its folder has the tables as text.
+def drive(data: DataSet, **given: Any) -> tuple[RunResult, StoredRun | None]:
+    """The run that the options of `tsbench run` ask for, in a data set, and what its folder holds where it has figures:
+    the tables as text, too.
 
     Raises InputError: wrong options, bad input, or a folder that cannot be used.
     """
     asked = RunOptions(**given, city=data.name)
     ended = run_session(asked, ProgressWatcher(progress_console()), listeners_of(asked.listeners))
-    if ended.summary is not None:
-        _write_tables(ended.folder, ended.summary)
-    return ended
+    stored = None if ended.summary is None else read_run(ended.folder)
+    if ended.summary is not None and stored is not None:
+        _write_tables(stored, ended.summary)
+    return ended, stored
 
 
 @click.command()
@@ -82,33 +84,29 @@ def rescore(folder: Path) -> None:
         sys.exit(EXIT_FAILED)
 
 
-def _write_tables(folder: Path, summary: Summary) -> None:
-    # They bring statistics, late as the summary itself.
-    lines, entry = citation(read_run(folder), summary.planners)
+def _write_tables(run: StoredRun, summary: Summary) -> None:
+    lines, entry = citation(run, summary.planners)
     cited = "\n".join(["**To cite**", "", *(f"* {line}" for line in lines), "", "```bibtex", entry, "```"])
     tables = run_tables(summary)
     shown = [to_markdown(replace(table, notes=(), contract="")) for table in tables]
     notes = ["\n".join([f"**Notes: {table.title}**", "", *markdown_notes(table)]) for table in tables]
-    path, text = folder / TABLES_TEXT, "\n\n".join([part.strip() for part in (*shown, cited, *notes)]) + "\n"
+    path, text = run.path / TABLES_TEXT, "\n\n".join([part.strip() for part in (*shown, cited, *notes)]) + "\n"
     # Looking at a complete run changes nothing in its folder.
     if not path.is_file() or path.read_text(encoding="utf-8") != text:
         with io_errors_as_input_errors(path):
             write_atomic(path, text.encode())
 
 
-def _tell(ended: RunResult, console: Console) -> None:
-    failed: list[str] = []
-    edition = ""
+def _tell(ended: RunResult, stored: StoredRun | None, console: Console) -> None:
     if ended.summary is not None:
         heads, rows = headline(ended.summary.planners)
         print_table(heads, rows, title=ended.summary.title)
-        stored = read_run(ended.folder)
-        failed, edition = list(examples(stored)), stored.edition
+    failed = [] if stored is None else list(examples(stored))
     lines = [*failed, f"{ended.finished} of {ended.asked} episodes finished, {ended.errors} with an error outcome"]
     if ended.finished < ended.asked:
         lines.append("run the same command again to continue (--allow-partial: the table so far)")
     lines.append(f"records   {ended.folder / 'episodes.parquet'}")
-    if ended.summary is not None:
+    if stored is not None:
         lines.append(f"tables    {ended.folder / 'summary.md'}")
     lines.append(f"traces    {ended.folder / 'traces'}")
     folder = shlex.quote(str(ended.folder))
@@ -117,7 +115,7 @@ def _tell(ended: RunResult, console: Console) -> None:
     lines.append(f"pictures  tsbench render {folder} EPISODE")
     if ended.errors:
         lines.append(f"errors    {ended.folder / 'errors'}")
-    if edition:
-        lines.append(f"edition {edition}, contract {ended.contract[:12]}")
+    if stored is not None and stored.edition:
+        lines.append(f"edition {stored.edition}, contract {ended.contract[:12]}")
     for line in lines:
         console.print(line, markup=False, highlight=False, soft_wrap=True)

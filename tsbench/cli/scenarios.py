@@ -17,7 +17,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
 from tsbench.make.certify.certifier import draw_sample, recertify
 from tsbench.make.city import sources_dir
-from tsbench.make.dataset_tables import axes_table, dataset_page, dataset_tables, tagging, tagging_table, type_axes
+from tsbench.make.dataset_tables import dataset_tables
 from tsbench.make.scenes.overview import build_report, report_file, shown_reason, type_stats
 from tsbench.make.scenes.verify import (
     finding_counts,
@@ -28,7 +28,6 @@ from tsbench.make.scenes.verify import (
     verify_split,
 )
 from tsbench.metrics.calibration import calibrate, driven_speeds, grid_speeds, sample_rows
-from tsbench.report.analyses.analysis import to_csv
 from tsbench.report.wording import scene_facts
 from tsbench.run.edition import earlier_splits
 from tsbench.scenarios.certificates import certificates_of
@@ -195,26 +194,10 @@ def lint(data: DataSet, types: tuple[str, ...], split: str | None, each: int | N
 
 @scenarios.command()
 @options.city
-@click.option(
-    "--markdown",
-    type=options.FILE,
-    metavar="FILE",
-    help="Write a page there, and its tables as CSV beside it, in `tables/`.",
-)
-def stats(data: DataSet, markdown: Path | None) -> None:
-    """Rows, maps, unique places, certificates, distinct values per axis, tagging and quotas per type and split."""
-    rows = options.rows_of(data, None)
-    counted, quotas = dataset_tables(type_stats(data, rows), build_report(report_file(data)))
-    with bars() as show:
-        axes = type_axes(data, rows, lambda done, of: show("scenes", done, of))
-    tables = (counted, axes_table(axes), tagging_table(tagging(data, rows)), quotas)
-    for table in tables:
+def stats(data: DataSet) -> None:
+    """Rows, maps, unique places, certificates and quotas per type and split."""
+    for table in dataset_tables(type_stats(data, options.rows_of(data, None)), build_report(report_file(data))):
         show_analysis(table, None)
-    if markdown is not None:
-        for table in tables:
-            write_atomic(markdown.parent / "tables" / f"{table.name}.csv", to_csv(table).encode())
-        write_atomic(markdown, dataset_page(tables, "tables").encode())
-        click.echo(f"page: {markdown}")
 
 
 @scenarios.command()

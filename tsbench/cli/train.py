@@ -47,10 +47,6 @@ _cache_gb = click.option(
 )
 
 
-def _count(name: str, default: int, help: str = "", least: int = 1) -> Option:
-    return click.option(name, default=default, show_default=True, type=click.IntRange(min=least), help=help)
-
-
 def _rate(default: float | None, help: str = "Learning rate.") -> Option:
     kind = click.FloatRange(min=0.0, min_open=True)
     return click.option("--rate", default=default, show_default=True, type=kind, help=help)
@@ -68,7 +64,9 @@ def train() -> None:
 
 def _reinforcement(steps: int, out: str) -> Option:
     return several(
-        _count("--steps", steps, "Decisions (0.3 s each) in all, those of earlier sessions included."),
+        options.count(
+            "--steps", default=steps, help="Decisions (0.3 s each) in all, those of earlier sessions included."
+        ),
         click.option(
             "--workers",
             type=POSITIVE,
@@ -114,19 +112,12 @@ def _train(planner: str, out: Path, **asked: Any) -> None:
 
 @train.command(short_help="Imitation of sign-blind driving by a transformer.")
 @options.choice("--size", ("mini", "medium"), "mini")
-@click.option(
-    "--drives",
-    "episodes",
-    default=4000,
-    show_default=True,
-    type=click.IntRange(min=1),
-    help="To learn from, types in turn.",
-)
-@_count("--epochs", 12, "Passes over their frames.")
+@options.count("--drives", "episodes", default=4000, help="To learn from, types in turn.")
+@options.count("--epochs", default=12, help="Passes over their frames.")
 @options.planners("Who is imitated, in turn", default=("idm",))
-@_count("--batch", 256)
+@options.count("--batch", default=256, help="Frames of a step.")
 @_rate(6e-4)
-@_count("--validation", 160, "Episodes driven after each epoch; the best network is kept.")
+@options.count("--validation", default=160, help="Episodes driven after each epoch; the best network is kept.")
 @several(options.types, options.seed, options.device, options.workers, _cache_gb, _out("runs/train-plant2"))
 def plant2(
     planners: Words, types: Words, device: str, workers: int, cache_gb: float, out: Path, **figures: Any
@@ -150,7 +141,7 @@ def _lessons(drives: int, out: str) -> Option:
         several(
             options.trajectories,
             options.planners("Expert that drives anew instead, in turn"),
-            _count("--drives", drives, "To learn from, types in turn; 0: all.", least=0),
+            options.count("--drives", default=drives, help="To learn from, types in turn; 0: all.", least=0),
             options.more,
         ),
         click.option(
@@ -184,10 +175,10 @@ def _lessons(drives: int, out: str) -> Option:
     metavar="DIR",
     help="Folder of the plant2 or plant2-ft weights to begin with; default: tsbench's own plant2.",
 )
-@_count("--epochs", 26, "Passes over their frames.")
-@_count("--batch", 128, least=8)
+@options.count("--epochs", default=26, help="Passes over their frames.")
+@options.count("--batch", default=128, least=8, help="Frames of a step.")
 @_rate(1e-4)
-@_count("--validation", 58, "Episodes driven after each epoch; the network with most SCD is kept.")
+@options.count("--validation", default=58, help="Episodes driven after each epoch; the network with most SCD is kept.")
 @options.device
 @_lessons(drives=0, out="runs/train-plant2-ft")
 def plant2_ft(device: str, workers: int, cache_gb: float, out: Path, **asked: Any) -> None:
@@ -244,7 +235,7 @@ _SHARES = {
 @train.command(short_help="How plant2's, plant2-ft's or plant2-blind's weights drive on kept-out maps.")
 @click.argument("folder", type=options.FOLDER, required=False)
 @options.choice("--planner", ("plant2", "plant2-ft", "plant2-blind"), "plant2-ft")
-@_count("--each", 4, "Episodes of a type.")
+@options.count("--each", default=4, help="Episodes of a type.")
 @click.option(
     "--stop-policy",
     type=(float,) * 5,

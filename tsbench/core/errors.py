@@ -60,12 +60,9 @@ def cause_in_planner(error: BaseException) -> str:
     if type(error).__name__ == "BdbQuit":
         return "BdbQuit: breakpoint() has no terminal in a run: tsbench debug drives an episode with one"
     files = [(Path(f.f_code.co_filename), line) for f, line in traceback.walk_tb(error.__traceback__)]
-    own = [(path, line) for path, line in files if path.is_absolute() and not _is_library(path)]
+    library = {path for path, _ in files if any(map(path.is_relative_to, _LIBRARIES)) or "site-packages" in path.parts}
+    own = [(path, line) for path, line in files if path.is_absolute() and path not in library]
     return cause_of(error) + (f" ({own[-1][0].name}:{own[-1][1]})" if own else "")
-
-
-def _is_library(path: Path) -> bool:
-    return any(map(path.is_relative_to, _LIBRARIES)) or "site-packages" in path.parts
 
 
 class TsbenchError(Exception):

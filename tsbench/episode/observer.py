@@ -68,7 +68,8 @@ class Observer:
                     )
                 )  # fmt: skip
         if len(signs) > 1:
-            signs.sort(key=_by_place)
+            # Never by the order of the scene's file, which the code of a plate might decide.
+            signs.sort(key=lambda sign: (sign.distance, sign.x, sign.y, sign.heading))
         obstacles = self._obstacles and tuple(
             o for o in self._obstacles if math.hypot(o.x - ego.x, o.y - ego.y) <= OBSTACLE_RANGE_M
         )
@@ -148,8 +149,3 @@ def _plate(view: PlannerMap, scene: Scene, sign: SignInstance, main_road: tuple[
 def _lane_id(view: PlannerMap, lane: int) -> str:
     at = view.place(lane, 0.0)[0]
     return view.map.lanes[at].id if at >= 0 else ""
-
-
-def _by_place(sign: SignView) -> tuple[float, float, float, float]:
-    # Never by the order of the scene's file, which the code of a plate might decide.
-    return sign.distance, sign.x, sign.y, sign.heading

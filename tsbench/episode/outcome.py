@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from enum import IntEnum, StrEnum
+from typing import Any
 
 from tsbench.core.benchmark import ARRIVAL_M
 from tsbench.episode.perception import SignDetection
@@ -132,19 +133,16 @@ def counted_against(
     return tuple(sorted((*target.violations, *needless, *wrong_way), key=lambda event: event.start_s))
 
 
-@dataclass(frozen=True)
-class EpisodeFacts:
-    """All that happened in one episode, the input of every per-episode metric.
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """What happened in an episode, and the verdicts on it.
 
-    snapshots: one per tick, step 0 first. route: the navigation view at the last tick. target: verdict on the
-    scenario's own sign; others: verdicts on the other signs. needless: what was obeyed in a contrast scene although no
-    plate asks for it; wrong_way: what was driven against the direction of a lane; both in order of time.
-    start_remaining_m: way to go at step 0.
+    snapshots: one per tick, step 0 first. start_remaining_m: way to go at step 0. target: verdict on the scenario's own
+    sign; others: verdicts on the other signs. needless: what was obeyed in a contrast scene although no plate asks for
+    it; wrong_way: what was driven against the direction of a lane; both in order of time.
     """
 
-    scene: Scene
     snapshots: list[WorldSnapshot]
-    route: RouteView
     start_remaining_m: float
     outcome: Outcome
     contact: Contact | None
@@ -157,6 +155,18 @@ class EpisodeFacts:
     def against(self) -> tuple[Violation, ...]:
         """What counts against SCD, in order of time."""
         return counted_against(self.target, self.needless, self.wrong_way)
+
+    def course(self) -> dict[str, Any]:
+        """Its fields, for another class with them."""
+        return {field.name: getattr(self, field.name) for field in fields(Course)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeFacts(Course):
+    """The input of every per-episode metric. route: the navigation view at the last tick."""
+
+    scene: Scene
+    route: RouteView
 
     @property
     def obeyed(self) -> bool:

@@ -121,7 +121,7 @@ class SignDetector:
                             self._tell(one, POST, view.masked(), ego, step)
                     if one.kind and self._reads(one, ego, step):
                         one.due = step + self._latency
-                elif one.kind and one.outline_due < 0 and self._reads_back(one, ego, step):
+                elif one.kind and one.outline_due < 0 and _turned(ego, view) <= -_FACES and self._reads(one, ego, step):
                     one.outline_due = step + self._latency
             if one.outline_due == step and not 0 <= one.due <= step:
                 self._tell(one, OUTLINE, one.behind, ego, step)
@@ -134,9 +134,6 @@ class SignDetector:
         view = one.plate.view
         px = _FOCAL_PX * _PLATE_M / max(math.hypot(view.x - ego.x, view.y - ego.y), 1.0)
         return px > one.smallest_px and draw("look", *one.name, step) < self._sure
-
-    def _reads_back(self, one: _TrackedSign, ego: EgoState, step: int) -> bool:
-        return _turned(ego, one.plate.view) <= -_FACES and self._reads(one, ego, step)
 
     def _tell(self, one: _TrackedSign, kind: str, view: SignView, ego: EgoState, step: int) -> None:
         one.shown = view

@@ -25,7 +25,7 @@ from tsbench.core.parquet import OSM_LICENCE, check_size
 from tsbench.core.text import one_line
 from tsbench.core.typed import typed
 from tsbench.episode.observer import destination_on_map, ego_on_map
-from tsbench.episode.outcome import Contact, EpisodeFacts, EpisodeResult, Outcome, counted_against
+from tsbench.episode.outcome import Contact, Course, EpisodeFacts, EpisodeResult, Outcome
 from tsbench.episode.perception import SignDetection
 from tsbench.episode.trace_columns import PLAN, SCHEMA, plan_of_each_tick, plans_of, snapshots_of, table_of
 from tsbench.geometry.polyline import Array
@@ -35,7 +35,7 @@ from tsbench.rules.monitor import Verdict, Violation
 from tsbench.scenarios.spec import MOST_TICKS, ScenarioSpec
 from tsbench.sim.navigation import Navigator, RouteView
 from tsbench.sim.scene import Scene
-from tsbench.sim.world import ActorKind, ActorTable, WorldSnapshot
+from tsbench.sim.world import ActorKind, ActorTable
 
 if TYPE_CHECKING:
     # Reading a trace needs no SUMO.
@@ -47,28 +47,19 @@ _KEY = "tsbench.trace"
 _MOST_BYTES = 1 << 29
 
 
-@dataclass(frozen=True)
-class Trace:
-    """One episode as it was recorded.
+@dataclass(frozen=True, kw_only=True)
+class Trace(Course):
+    """One episode as it was recorded; its snapshots share one actor table.
 
-    snapshots: one per tick, equal to those of the run; they share one actor table. commands: (n, 2)
-    acceleration (m/s2) and steering (rad) that led from tick k to k + 1. target, others, needless, wrong_way,
-    start_remaining_m: as in `EpisodeFacts`. plans: one per tick, (k, 2) where the planner meant to drive, None where it
-    told nothing. told: when the planner was told which plates, where its eyes were not exact.
+    commands: (n, 2) acceleration (m/s2) and steering (rad) that led from tick k to k + 1. plans: one per tick, (k, 2)
+    where the planner meant to drive, None where it told nothing. told: when the planner was told which plates, where
+    its eyes were not exact.
     """
 
     spec: ScenarioSpec
     planner: str
-    outcome: Outcome
     error: str
-    contact: Contact | None
-    target: Verdict
-    others: tuple[Verdict, ...]
-    start_remaining_m: float
-    snapshots: list[WorldSnapshot]
     commands: Array
-    needless: tuple[Violation, ...] = ()
-    wrong_way: tuple[Violation, ...] = ()
     plans: tuple[Plan | None, ...] = ()
     told: tuple[SignDetection, ...] = ()
 
@@ -93,11 +84,6 @@ class Trace:
             told=tuple(episode.observer.told),
         )
 
-    @property
-    def events(self) -> list[Violation]:
-        """What counts against the episode, in order of time."""
-        return list(counted_against(self.target, self.needless, self.wrong_way))
-
     def routes(self, view: PlannerMap, scene: Scene) -> list[RouteView]:
         """The navigation view of every tick, found again by driving the same navigator along the trace."""
         navigator = Navigator(view.graph, destination_on_map(view, scene))
@@ -105,18 +91,7 @@ class Trace:
 
     def facts(self, view: PlannerMap, scene: Scene) -> EpisodeFacts:
         """What the metrics are computed from, as it was at the end of the run."""
-        return EpisodeFacts(
-            scene=scene,
-            snapshots=self.snapshots,
-            route=self.routes(view, scene)[-1],
-            start_remaining_m=self.start_remaining_m,
-            outcome=self.outcome,
-            contact=self.contact,
-            target=self.target,
-            others=self.others,
-            needless=self.needless,
-            wrong_way=self.wrong_way,
-        )
+        return EpisodeFacts(scene=scene, route=self.routes(view, scene)[-1], **self.course())
 
 
 def trace_of(result: EpisodeResult) -> Trace:
@@ -124,21 +99,13 @@ def trace_of(result: EpisodeResult) -> Trace:
     facts = result.facts
     if facts is None or not facts.snapshots:
         raise ValueError(f"{result.spec.scenario_id}: an episode without a tick has no trace ({result.error})")
-    plans = plan_of_each_tick(result.plans, len(facts.snapshots))
     return Trace(
+        **facts.course(),
         spec=result.spec,
         planner=result.planner,
-        outcome=result.outcome,
         error=result.error,
-        contact=facts.contact,
-        target=facts.target,
-        others=facts.others,
-        start_remaining_m=facts.start_remaining_m,
-        snapshots=facts.snapshots,
         commands=result.commands,
-        needless=facts.needless,
-        wrong_way=facts.wrong_way,
-        plans=plans,
+        plans=plan_of_each_tick(result.plans, len(facts.snapshots)),
         told=result.told,
     )
 

@@ -173,7 +173,7 @@ class PageMaker:
 
 
 def _passed(trace: Trace) -> bool:
-    return trace.outcome is Outcome.ARRIVED and not trace.events
+    return trace.outcome is Outcome.ARRIVED and not trace.against
 
 
 def _first_violation(trace: Trace) -> Violation:
@@ -203,8 +203,8 @@ def _save_small(path: Path, picture: Image) -> None:
 
 def _decisive(broken: Trace, trace: Trace) -> float:
     """When a rule is broken, s; where none is, when the ego is nearest to where the blind baseline broke it."""
-    if trace.events:
-        return min(event.start_s for event in trace.events)
+    if trace.against:
+        return min(event.start_s for event in trace.against)
     event = _first_violation(broken)
     near = min(trace.snapshots, key=lambda s: (s.ego.x - event.x) ** 2 + (s.ego.y - event.y) ** 2)
     return near.time

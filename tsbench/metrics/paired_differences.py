@@ -135,7 +135,9 @@ def difference(
         return found if found.significant else replace(found, mde=_scaled(scale, found, ALPHA))
     if found.significant or error is None:
         return found
-    return replace(found, mde=round(scale * _noise_multiple() * error, _DIGITS))
+    # So many standard errors a difference must have to be found with POWER (two-sided, normal).
+    multiple = NormalDist().inv_cdf(1 - ALPHA / 2) + NormalDist().inv_cdf(POWER)
+    return replace(found, mde=round(scale * multiple * error, _DIGITS))
 
 
 def adjust(types: Mapping[str, Difference], scale: float) -> dict[str, Difference]:
@@ -225,12 +227,6 @@ def _edges(n: int, alpha: float) -> Array:
 def _scaled(scale: float, d: Difference, alpha: float) -> float | None:
     effect = detectable(d.n, d.won or 0, d.lost or 0, alpha)
     return None if effect is None else round(scale * effect, 6)
-
-
-def _noise_multiple() -> float:
-    """How many standard errors a difference must have to be found with POWER (two-sided, normal)."""
-    normal = NormalDist()
-    return normal.inv_cdf(1 - ALPHA / 2) + normal.inv_cdf(POWER)
 
 
 def _flips_interval(won: Array, lost: Array, count: Array, macro: bool) -> tuple[float, float]:

@@ -50,7 +50,9 @@ class Reader:
         self._base.reset(replace(context, privilege=None))
 
     def act(self, observation: Observation) -> Control:
-        told = map(identified, filter(self._is_target, observation.signs))
+        at = self._privilege.sign
+        there = (sign for sign in observation.signs if math.hypot(sign.x - at.x, sign.y - at.y) < _SAME_POST_M)
+        told = map(identified, there)
         read = next((sign for sign in told if sign.code), None)
         if read is not None and self._told != (read.code, read.value):
             self._told, self._expert = (read.code, read.value), self.obeying(read)
@@ -59,7 +61,7 @@ class Reader:
                 return self._expert.act(observation)
             except InputError:
                 # What was read leaves no way: it must be misread, so it is as if nothing stood there.
-                if self._told == (self._privilege.sign.code, self._privilege.sign.value):
+                if self._told == (at.code, at.value):
                     raise
                 self._expert = None
         return self.unread(observation, self._base.act(replace(observation, truth=None)))
@@ -68,10 +70,6 @@ class Reader:
         """What becomes of a command as long as the plate is not read: nothing."""
         del observation
         return command
-
-    def _is_target(self, sign: SignView) -> bool:
-        at = self._privilege.sign
-        return math.hypot(sign.x - at.x, sign.y - at.y) < _SAME_POST_M
 
     def obeying(self, read: SignView) -> Expert:
         """The expert that obeys a plate as it was read."""

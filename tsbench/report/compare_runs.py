@@ -109,16 +109,12 @@ def find_side(text: str, beside: StoredRun | None = None) -> Side:
     for path, planner in places:
         if is_run(Path(path)):
             return side_of(read_run(Path(path)), planner)
-    kept = _kept_runs()
+    kept = [read_run(path.parent) for path in sorted(data_file("results").glob(f"*/{NAME}"))]
     if runs := [run for run in kept if text in run.asked]:
         return Side(max(runs, key=lambda run: _likeness(run, beside)), text, kept=True)
     there = ", ".join(sorted({name for run in kept for name in run.asked}))
     results = f"; planners with kept results: {there}" if there else ""
     raise InputError(f"{text}: no run folder (expected RUN or RUN:planner, with RUN/run.json){results}")
-
-
-def _kept_runs() -> list[StoredRun]:
-    return [read_run(path.parent) for path in sorted(data_file("results").glob(f"*/{NAME}"))]
 
 
 def _likeness(run: StoredRun, beside: StoredRun | None) -> tuple[bool, bool, bool, int]:

@@ -104,7 +104,7 @@ def _around(trace: Trace, scene: Scene, size: PageSize, span: tuple[int, int] | 
 def _named(trace: Trace, first: int, last: int) -> Array:
     """(n, 2): positions of the road users that a violation in these ticks names, when it begins."""
     found = [np.zeros((0, 2))]
-    for event in trace.events:
+    for event in trace.against:
         snapshot = trace.snapshots[min(round(event.start_s / DT_S), len(trace.snapshots) - 1)]
         actors = snapshot.actors
         named = named_from([event], actors.table.ids)
@@ -197,7 +197,7 @@ def _durations(trace: Trace, span: tuple[int, int] | None) -> list[float]:
     """Of each frame, s."""
     ticks = _ticks(trace, GIF_EVERY, span)
     found = [DT_S * GIF_EVERY] * (len(ticks) - 1) + [HOLD_S]
-    for event in trace.events if span is not None else ():
+    for event in trace.against if span is not None else ():
         shown = next((k for k, tick in enumerate(ticks) if trace.snapshots[tick].time + 1e-6 >= event.start_s), None)
         if shown is not None and trace.snapshots[ticks[0]].time <= event.start_s:
             found[shown] = _STOP_S
@@ -292,9 +292,9 @@ def moment(
 def _tick(trace: Trace, time: float | None) -> int:
     last = len(trace.snapshots) - 1
     if time is None:
-        if not trace.events:
+        if not trace.against:
             return last // 2
-        time = trace.events[0].start_s
+        time = trace.against[0].start_s
     elif not 0.0 <= time <= trace.snapshots[-1].time + DT_S / 2:
         raise InputError(f"--time {time:g}: the episode lasts from 0 to {trace.snapshots[-1].time:.1f} s")
     return min(round(time / DT_S), last)

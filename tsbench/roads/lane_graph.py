@@ -268,14 +268,12 @@ class LaneGraph(MapGraph):
     """The same over a network of SUMO's, blind to lanes that plates reserve (roads.reserved_lanes)."""
 
     network: RoadNetwork
-    vclass: str
 
-    __slots__ = ("vclass",)
+    __slots__ = ()
 
-    def __init__(self, network: RoadNetwork, vclass: str = "passenger", closed: AbstractSet[int] = frozenset()) -> None:
-        object.__setattr__(self, "vclass", vclass)
-        turned = {i: t for i, t in contraflow_lanes(network, vclass).items() if i not in closed}
-        self._fill(network, open_lanes(network, vclass) - closed, turned)
+    def __init__(self, network: RoadNetwork, closed: AbstractSet[int] = frozenset()) -> None:
+        turned = {i: t for i, t in contraflow_lanes(network).items() if i not in closed}
+        self._fill(network, open_lanes(network) - closed, turned)
 
     def connections(self, source: str, target: str) -> tuple[Connection, ...]:
         """Connections from one edge to the next, in file order; empty where there are none."""

@@ -20,7 +20,6 @@ from tsbench.roads.network import Connection, RoadNetwork
 from tsbench.roads.reserved_lanes import contraflow_lanes, open_lanes
 from tsbench.roads.road_map import Crossing, MapConnection, MapEdge, MapJunction, MapLane, RoadMap, lanes_beside
 
-_CAR = "passenger"
 _TOUCH_M = 0.01
 
 
@@ -78,8 +77,8 @@ class _MapBuilder:
 
     def __init__(self, network: RoadNetwork) -> None:
         self.network = network
-        self.turned = contraflow_lanes(network, _CAR)
-        opened = open_lanes(network, _CAR)
+        self.turned = contraflow_lanes(network)
+        opened = open_lanes(network)
         self.parts: dict[str, list[int]] = {}
         for edge in network.edges.values():
             own = [i for i in edge.lanes if i in opened]

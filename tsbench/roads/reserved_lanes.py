@@ -35,21 +35,21 @@ class ContraflowLane:
     line: Polyline
 
 
-def open_lanes(network: RoadNetwork, vclass: str) -> frozenset[int]:
-    """Ordinary lanes that are part of a road for `vclass`, those reserved for buses or cyclists included."""
+def open_lanes(network: RoadNetwork) -> frozenset[int]:
+    """Ordinary lanes that are part of a road for cars, those reserved for buses or cyclists included."""
     found = set()
     for edge in network.edges.values():
         lanes = [network.lanes[i] for i in edge.lanes]
-        if not edge.internal and any(lane.permits(vclass) for lane in lanes):
-            found |= {lane.index for lane in lanes if lane.permits(vclass) or is_reserved(lane, vclass)}
+        if not edge.internal and any(lane.permits("passenger") for lane in lanes):
+            found |= {lane.index for lane in lanes if lane.permits("passenger") or is_reserved(lane)}
     return frozenset(found)
 
 
-def contraflow_lanes(network: RoadNetwork, vclass: str) -> dict[int, ContraflowLane]:
+def contraflow_lanes(network: RoadNetwork) -> dict[int, ContraflowLane]:
     """The contraflow lanes of a network, by index."""
     found: dict[int, ContraflowLane] = {}
     for contra in network.lanes:
-        if contra.internal or not is_reserved(contra, vclass):
+        if contra.internal or not is_reserved(contra):
             continue
         edge = network.edges[contra.edge]
         beside = [
@@ -57,15 +57,15 @@ def contraflow_lanes(network: RoadNetwork, vclass: str) -> dict[int, ContraflowL
         ]
         for before in (e for e in network.edges.values() if e.target == edge.target and e.id != edge.id):
             last = network.lanes[before.lanes[-1]]
-            if beside and last.permits(vclass) and _straight_on(last, contra, network):
+            if beside and last.permits("passenger") and _straight_on(last, contra, network):
                 line = Polyline(contra.line.points[::-1])
                 found[contra.index] = ContraflowLane(contra.index, last.index, beside[0], last.order, line)
     return found
 
 
-def is_reserved(lane: Lane, vclass: str) -> bool:
-    """Is a lane for buses or cyclists, and not for `vclass`?"""
-    return not lane.permits(vclass) and any(lane.permits(user) for user in _USERS)
+def is_reserved(lane: Lane) -> bool:
+    """Is a lane for buses or cyclists, and not for cars?"""
+    return not lane.permits("passenger") and any(lane.permits(user) for user in _USERS)
 
 
 def _straight_on(before: Lane, contra: Lane, network: RoadNetwork) -> bool:

@@ -9,10 +9,8 @@ from __future__ import annotations
 import math
 import operator
 import os
-import re
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
@@ -22,10 +20,6 @@ from tsbench.core.paths import expanded, expanded_text
 
 TOML = Path("tsbench.toml")
 Kind = Literal["planners", "split", "city", "types", "count", "number", "choice", "flag", "text", "folder", "listeners"]
-# A command stays as it is.
-_OPTION = re.compile(r"tsbench [^:;,()]*|--([a-z][a-z-]*)")
-# Options without a value.
-_FLAGS = ("allow_partial", "force", "isolate", "mask_signs", "overwrite")
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,25 +96,6 @@ def toml_section(path: Path, name: str) -> Any:
         return {}
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: is not TOML ({error})") from None
-
-
-@contextmanager
-def keywords() -> Iterator[None]:
-    """Within it, or within a function that it decorates, an InputError names keywords: `force=True` for `--force`."""
-    try:
-        yield
-    except InputError as error:
-        told = _OPTION.sub(_keyword, str(error))
-        if type(error) is not InputError or told == str(error):
-            raise
-        raise InputError(told) from error.__cause__
-
-
-def _keyword(found: re.Match[str]) -> str:
-    if found[1] is None:
-        return found[0]
-    name = found[1].replace("-", "_")
-    return f"{name}=True" if name in _FLAGS else name
 
 
 def whole_number(name: str, value: object, unit: str = "") -> int:

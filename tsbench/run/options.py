@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +29,8 @@ VARIANTS = ("0", "all", *DRAWN)
 BOTH = "both"
 WHICH_HALVES = (BOTH, *HALVES)
 TRACES = ("none", "violations", "all")
+# Of what is said of options; a command stays as it is.
+_OPTION = re.compile(r"tsbench [^:;,()]*|--([a-z][a-z-]*)")
 # Left out of `effective` where they have their default: they are younger than the first runs.
 _QUIET = ("city", "isolate")
 
@@ -159,3 +163,23 @@ class RunOptions:
         told = {name: v for name, v in values.items() if name not in _QUIET or v != default[name]}
         told |= {"types": list(types), "scenarios": scenarios}
         return told | plain_perception(perception)
+
+
+@contextmanager
+def keywords() -> Iterator[None]:
+    """Within it, or within a function that it decorates, an InputError names keywords: `force=True` for `--force`."""
+    try:
+        yield
+    except InputError as error:
+        told = _OPTION.sub(_keyword, str(error))
+        if type(error) is not InputError or told == str(error):
+            raise
+        raise InputError(told) from error.__cause__
+
+
+def _keyword(found: re.Match[str]) -> str:
+    if found[1] is None:
+        return found[0]
+    name = found[1].replace("-", "_")
+    known = options_in(RunOptions).get(name)
+    return f"{name}=True" if name == "force" or (known and known.kind == "flag") else name

@@ -28,8 +28,6 @@ class RunPlan:
     rows, in the order of their ids. types: ids of the chosen types, in the catalogue's order.
     """
 
-    request: RunOptions
-    data: DataSet
     table: tuple[ScenarioSpec, ...]
     scenarios: tuple[ScenarioSpec, ...]
     types: tuple[str, ...]
@@ -56,10 +54,10 @@ def make_plan(request: RunOptions, data: DataSet) -> RunPlan:
         raise InputError(f"{path}: --half {request.half}: none of the chosen scenarios is one")
     if request.limit is not None:
         # What was drawn is not narrowed to nominal variants by a limit.
-        first = _draw if request.variants in DRAWN else _nominal
+        first = _draw if request.variants in DRAWN else attrgetter("variant", "scenario_id")
         chosen = spread(sorted(chosen, key=first), types, request.limit)
     check_files(chosen, data)
-    return RunPlan(request, data, table, tuple(chosen), tuple(t for t in types if t in present))
+    return RunPlan(table, tuple(chosen), tuple(t for t in types if t in present))
 
 
 def types_and_groups(catalog: Catalog) -> list[str]:
@@ -111,10 +109,6 @@ def _draw(row: ScenarioSpec) -> tuple[str, str]:
 
 def _draw_of(name: str) -> str:
     return hashlib.sha256(name.encode()).hexdigest()
-
-
-def _nominal(row: ScenarioSpec) -> tuple[int, str]:
-    return row.variant, row.scenario_id
 
 
 def spread(rows: Sequence[ScenarioSpec], types: Sequence[str], limit: int) -> list[ScenarioSpec]:

@@ -53,13 +53,10 @@ def replay(trace: Trace, scene: Scene, roads: Roads) -> Iterator[str]:
         if tick >= len(trace.commands):
             yield f"tick {tick + 1}: no command leads there"
             return
-        wanted, last = advance(_motion_of(ego), *trace.commands[tick].tolist()), ego.lane
+        motion = Motion(*(getattr(ego, name) for name in _MOTION))
+        wanted, last = advance(motion, *trace.commands[tick].tolist()), ego.lane
     if lines:
         yield f"its poses do not follow from its commands at {len(lines)} of {tick + 1} ticks, first {lines[0]}"
-
-
-def _motion_of(ego: EgoState) -> Motion:
-    return Motion(*(getattr(ego, name) for name in _MOTION))
 
 
 def _motion(wanted: Motion, ego: EgoState, tick: int) -> str:

@@ -91,12 +91,10 @@ def run(options: RunOptions, watcher: ProgressListener, listeners: Sequence[List
         out = None if options.out is None else options.out.resolve()
         hidden = tuple(str(path) for path in (out, Path("runs").resolve()) if path is not None)
         # Before a line of their code runs.
-        codes = [code_hash_of(PlannerSpec.parse(spec).text) for spec in plan.request.planners]
-        told = probe_isolated(plan.request, hidden) if options.isolate else None
-        if told is None:
-            planners = probe(pool, plan.request, options.device)
-        else:
-            planners = distinct([one.planner for one in told])
+        codes = [code_hash_of(PlannerSpec.parse(spec).text) for spec in options.planners]
+        told = probe_isolated(options.planners, hidden) if options.isolate else None
+        found = pool.probe(options.planners, options.device) if told is None else [one.planner for one in told]
+        planners = distinct(found)
         names = [planner.name for planner in planners]
         keys = [(name, spec.scenario_id) for name in names for spec in plan.scenarios]
         manifest = new_manifest(contract, options.plain(), effective, planners, edition_here(contract, data))
@@ -114,7 +112,7 @@ def run(options: RunOptions, watcher: ProgressListener, listeners: Sequence[List
                 listener.started(Started(folder.path, contract, manifest["edition"], counts, manifest["asked"]))
             status, journal = "complete", folder.journal
             if journal is not None:
-                place, split = str(folder.path.resolve()), plan.request.split
+                place, split = str(folder.path.resolve()), options.split
                 given = (planners, perception, options.device, options.trace, place, data, split, contract)
                 loader = f"{ISOLATED}:load" if options.isolate else ""
                 setup = Setup(*given, runner=options.runner, loader=loader, hidden=hidden)
@@ -171,15 +169,10 @@ def _in_image(options: RunOptions) -> RunOptions:
     return replace(options, planners=planners)
 
 
-def probe(pool: Executor, request: RunOptions, device: str = "cpu") -> tuple[PlannerInfo, ...]:
-    """The facts of a run's planners. Raises InputError for a non-planner, or two that would be one in records."""
-    return distinct(pool.probe(request.planners, device))
-
-
-def probe_isolated(request: RunOptions, hidden: Sequence[str]) -> list[SandboxedPlanner]:
-    """The same without a line of their code here, with what of their sandboxes took effect."""
+def probe_isolated(planners: Sequence[str], hidden: Sequence[str]) -> list[SandboxedPlanner]:
+    """The facts of planners without a line of their code here, with what of their sandboxes took effect."""
     describe = cast("Callable[..., SandboxedPlanner]", import_attribute(ISOLATED, "describe", "--isolate"))
-    return [describe(spec, [Path(place) for place in hidden]) for spec in request.planners]
+    return [describe(spec, [Path(place) for place in hidden]) for spec in planners]
 
 
 def distinct(found: Sequence[PlannerInfo]) -> tuple[PlannerInfo, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -13,9 +12,6 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv
-
-from tsbench.cli import main
-from tsbench.learn.envs import env_speed as speed
 
 STEPS, SEED = 25, 11
 
@@ -65,19 +61,3 @@ def test_without_its_extra_the_import_says_what_to_install(tmp_path: Path) -> No
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
     assert done.stdout.startswith("this needs gymnasium, which is not installed: pip install 'tsbench[learn]'")
     assert done.stdout.count("\n") == 1
-
-
-@pytest.mark.slow
-def test_bench_measures_each_kind_alone_and_vectorised(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr(speed, "BLOCK", 40)
-    path = tmp_path / "env.json"
-    with pytest.raises(SystemExit, match="0"):
-        main(["bench", "--env", "--rounds", "1", "--json", str(path)])
-    assert "AsyncVectorEnv" in capsys.readouterr().out
-    found = json.loads(path.read_text())
-    assert set(found) == {"vector", "scene"}
-    for rates in found.values():
-        assert 0.0 < rates["with_starts"] <= rates["steps_per_s"]
-        assert rates["vectorised"] > 0.0

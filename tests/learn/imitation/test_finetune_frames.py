@@ -4,46 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
+from learned_scenes import recorded_drive
 from training_helpers import fresh_tuned, fresh_weights
 
 from tsbench.episode.observer import destination_on_map
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACTLY, Perception, load_level
-from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.imitation.frames import DriveResult, Drivers, PlannerDrive, observations
 from tsbench.learn.imitation.frames_store import plan_hash
 from tsbench.learn.imitation.targets import FinetuneSampling, FinetuneSource, RecordedDrive, TakeoverDrive
-from tsbench.learn.oracle.trajectories import QuantisedPlanner, Recorded, fingerprints, steps_of
+from tsbench.learn.oracle.trajectories import fingerprints
 from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.plant2_planner import Plant2Ft
 from tsbench.learn.plant2.sign_tokens import vocabulary_of
 from tsbench.metrics.scd import is_scd
 from tsbench.planners.base import PlannerContext
-from tsbench.planners.registry import resolve
 from tsbench.scenarios.data_set import DataSet
-from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, HALVES, ScenarioSpec
-from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
 pytestmark = pytest.mark.slow
 
 WORDS = vocabulary_of()
 SOURCE = FinetuneSource(FinetuneSampling(), WORDS)
-
-
-class Recording:
-    """`idm-e` with commands as they are stored."""
-
-    def __init__(self, simulation: Simulation, loader: SceneLoader) -> None:
-        expert = resolve("idm-e")
-        self.rounded = QuantisedPlanner(expert.factory)
-        rounded = replace(expert, factory=lambda: self.rounded)
-        self.run = EpisodeRunner(rounded, simulation=simulation, loader=loader).run
 
 
 @pytest.fixture(scope="module")
@@ -70,13 +58,7 @@ def held(frames: at.Records) -> list[tuple[str, float]]:
 
 
 def test_a_recorded_drive_shows_what_the_planner_sees_in_use(row: ScenarioSpec, drivers: Drivers) -> None:
-    recording = drivers.kept("recording", Recording)
-    result = recording.run(row)
-    ego, others = fingerprints(result.facts.snapshots)
-    recorded = Recorded(
-        scenario_id=row.scenario_id, planner="idm-e", attempt=0, part="train", rank=1, quality=None, comfort=None,
-        commands=steps_of(result.commands), intents=tuple(recording.rounded.intents), ego=ego, others=others,
-    )  # fmt: skip
+    _, recorded = drivers.kept("recording", partial(recorded_drive, "idm-e", row))
     drive = RecordedDrive(row, recorded)
     driven = drive.run(drivers)
     assert is_scd(driven.facts)

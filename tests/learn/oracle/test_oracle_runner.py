@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
@@ -65,36 +64,24 @@ class Never(Moody):
 
 
 @pytest.fixture(scope="module")
-def table() -> list[ScenarioSpec]:
-    return DataSet().table("train")
-
-
-@pytest.fixture(scope="module")
-def rows(table: list[ScenarioSpec]) -> list[ScenarioSpec]:
+def rows() -> list[ScenarioSpec]:
     """Short scenes of one type."""
-    return [r for r in table if r.scenario_type == "bus_lane_road"][:6]
-
-
-@pytest.fixture(scope="module")
-def sumo() -> Iterator[Simulation]:
-    simulation = Simulation()
-    yield simulation
-    simulation.close()
+    return [r for r in DataSet().table("train") if r.scenario_type == "bus_lane_road"][:6]
 
 
 def good(row: ScenarioSpec, attempt: int) -> bool:
     return retry_seed(planner_seed(row.pair_name), attempt) % 3 == 0
 
 
-def runner(name: str, sumo: Simulation, rows: list[ScenarioSpec], most: int) -> OracleRunner:
+def runner(name: str, sim: Simulation, rows: list[ScenarioSpec], most: int) -> OracleRunner:
     probe = next(row for row in rows if good(row, 0) != good(row, 1))
     return OracleRunner(
-        resolve(f"{__file__}:{name}"), most=most, probe=asdict(probe), simulation=sumo, loader=SceneLoader(DataSet())
+        resolve(f"{__file__}:{name}"), most=most, probe=asdict(probe), simulation=sim, loader=SceneLoader(DataSet())
     )
 
 
-def test_a_failed_expert_draws_another_driver_until_one_succeeds(sumo: Simulation, rows: list[ScenarioSpec]) -> None:
-    driven = runner("Moody", sumo, rows, most=20)
+def test_a_failed_expert_draws_another_driver_until_one_succeeds(sim: Simulation, rows: list[ScenarioSpec]) -> None:
+    driven = runner("Moody", sim, rows, most=20)
     attempts = []
     for row in rows[1:]:
         wanted = next(k for k in range(20) if good(row, k))
@@ -111,10 +98,10 @@ def test_a_failed_expert_draws_another_driver_until_one_succeeds(sumo: Simulatio
 
 @pytest.mark.parametrize(("name", "tries"), [("Lost", 1), ("Never", 3)])
 def test_only_another_driver_is_worth_another_try(
-    sumo: Simulation, rows: list[ScenarioSpec], name: str, tries: int
+    sim: Simulation, rows: list[ScenarioSpec], name: str, tries: int
 ) -> None:
     """Who draws nothing from the seed would drive the same again; who does ends at the bound."""
-    record = record_of(runner(name, sumo, rows, most=3).run(rows[1]), privileged=True)
+    record = record_of(runner(name, sim, rows, most=3).run(rows[1]), privileged=True)
     assert [t["scd"] for t in record.row["tries"]] == [False] * tries
     assert record.row["commands"] is None
     assert record.row["intents"] is None
@@ -126,7 +113,8 @@ def test_experts_are_those_that_are_registered() -> None:
     assert set(experts()) == {name for name in names() if name.endswith("-e")}
 
 
-def test_a_share_of_the_variants_of_each_map(table: list[ScenarioSpec]) -> None:
+def test_a_share_of_the_variants_of_each_map() -> None:
+    table = DataSet().table("train")
     kinds = ("yield", "bus_lane_road")
     some = {(kind, name) for kind in kinds for name in sorted({r.map_id for r in table if r.pair_type == kind})[:15]}
     table = [r for r in table if (r.pair_type, r.map_id) in some]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,39 +9,26 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from learned_scenes import recorded_drive
 
 from tsbench.core.errors import InputError, SimulationError
 from tsbench.episode.outcome import EpisodeResult
-from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.oracle.collect import experts
 from tsbench.learn.oracle.trajectories import (
     STEPS,
-    QuantisedPlanner,
     Recorded,
     Replayer,
     control_of,
-    fingerprints,
     quantise,
     steps_of,
     stream_trajectories,
     write_trajectories,
 )
-from tsbench.planners.registry import resolve
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_DECEL_MPS2, MAX_STEER_RAD, Motion, advance
 from tsbench.sim.sumo import Simulation
-
-
-class DriveResult:
-    """An expert that announces its way, with rounded commands."""
-
-    def __init__(self, simulation: Simulation, loader: SceneLoader) -> None:
-        expert = resolve("idm-s4-e")
-        self.rounded = QuantisedPlanner(expert.factory)
-        rounded = replace(expert, factory=lambda: self.rounded)
-        self.run = EpisodeRunner(rounded, simulation=simulation, loader=loader).run
 
 
 @pytest.fixture(scope="module")
@@ -52,31 +38,18 @@ def row() -> ScenarioSpec:
 
 
 @pytest.fixture(scope="module")
-def sumo() -> Iterator[Simulation]:
-    simulation = Simulation()
-    yield simulation
-    simulation.close()
-
-
-@pytest.fixture(scope="module")
-def drive(row: ScenarioSpec, sumo: Simulation) -> tuple[EpisodeResult, Recorded]:
-    runner = DriveResult(sumo, SceneLoader(DataSet()))
-    result = runner.run(row)
-    ego, others = fingerprints(result.facts.snapshots)
-    return result, Recorded(
-        scenario_id=row.scenario_id, planner="idm-s4-e", attempt=0, part="train", rank=1, quality=0.5, comfort=None,
-        commands=steps_of(result.commands), intents=tuple(runner.rounded.intents), ego=ego, others=others,
-    )  # fmt: skip
+def drive(row: ScenarioSpec, sim: Simulation) -> tuple[EpisodeResult, Recorded]:
+    return recorded_drive("idm-s4-e", row, sim, SceneLoader(DataSet()))
 
 
 def test_a_replay_is_the_drive_bit_for_bit(
-    drive: tuple[EpisodeResult, Recorded], row: ScenarioSpec, sumo: Simulation, tmp_path: Path
+    drive: tuple[EpisodeResult, Recorded], row: ScenarioSpec, sim: Simulation, tmp_path: Path
 ) -> None:
     """From disk; what the expert announced is announced again, so others give way at the same ticks."""
     result, recorded = drive
     write_trajectories([recorded], tmp_path / "drives.parquet")
     (read,) = stream_trajectories(tmp_path / "drives.parquet")
-    facts = Replayer(sumo, SceneLoader(DataSet())).replay(read, row)
+    facts = Replayer(sim, SceneLoader(DataSet())).replay(read, row)
     assert read.intents
     assert len(facts.snapshots) == len(result.facts.snapshots) > 100
     for now, before in zip(facts.snapshots, result.facts.snapshots, strict=True):
@@ -95,12 +68,12 @@ def test_a_replay_is_the_drive_bit_for_bit(
     ],
 )
 def test_another_drive_is_no_replay(
-    drive: tuple[EpisodeResult, Recorded], row: ScenarioSpec, sumo: Simulation, change: dict[str, object], told: str
+    drive: tuple[EpisodeResult, Recorded], row: ScenarioSpec, sim: Simulation, change: dict[str, object], told: str
 ) -> None:
     """The error says which drive, and in what it differs."""
     other = replace(drive[1], **change)  # type: ignore[arg-type]
     with pytest.raises(SimulationError, match=rf"{other.scenario_id}: idm-s4-e, attempt 0: .*{told}"):
-        Replayer(sumo, SceneLoader(DataSet())).replay(other, row)
+        Replayer(sim, SceneLoader(DataSet())).replay(other, row)
 
 
 def test_the_table_gives_back_what_was_written(drive: tuple[EpisodeResult, Recorded], tmp_path: Path) -> None:
@@ -147,10 +120,8 @@ DRIVES = list(stream_trajectories(TABLE))
 
 
 @pytest.fixture(scope="module")
-def replayer() -> Iterator[Replayer]:
-    simulation = Simulation()
-    yield Replayer(simulation, SceneLoader(DataSet()))
-    simulation.close()
+def replayer(sim: Simulation) -> Replayer:
+    return Replayer(sim, SceneLoader(DataSet()))
 
 
 def test_all_types_and_experts_are_in_it(rows: list[ScenarioSpec]) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from learned_scenes import Recorder, record, with_signs
+from learned_scenes import Recorder, with_signs
 from training_helpers import fresh_blind, fresh_tuned, fresh_weights
 
 from tsbench.learn.plant2 import tokens as at
@@ -23,11 +23,6 @@ from tsbench.sim.ego import Motion, advance
 from tsbench.sim.world import EGO_LENGTH_M, EgoState
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture(scope="module")
-def drive() -> Recorder:
-    return record()
 
 
 @pytest.fixture(scope="module")

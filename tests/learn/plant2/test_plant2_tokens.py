@@ -24,11 +24,6 @@ WORDS = vocabulary_of()
 
 
 @pytest.fixture(scope="module")
-def drive() -> Recorder:
-    return record()
-
-
-@pytest.fixture(scope="module")
 def tokeniser(drive: Recorder) -> Tokeniser:
     return Tokeniser(drive.context.network)
 

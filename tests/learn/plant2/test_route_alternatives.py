@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from learned_scenes import Recorder, record
+from learned_scenes import Recorder
 from planner_loop import load
 
 from tsbench.learn.plant2 import tokens as at
@@ -18,11 +18,6 @@ from tsbench.sim.navigation import Navigator
 
 POINTS = slice(0, 2 * len(at.WAY_AHEAD_M))
 COS, SIN, EXIT, REMAINING, SHOWN = range(-at.WAY_FACTS, 0)
-
-
-@pytest.fixture(scope="module")
-def drive() -> Recorder:
-    return record()
 
 
 @pytest.fixture(scope="module")

@@ -6,15 +6,13 @@ import math
 from dataclasses import replace
 
 import pytest
-from simworld import SceneMaker, actors, road_plain, simulation, speed_plate, store_scenes
+from simworld import SceneMaker, actors, simulation, speed_plate, store_scenes
 
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.make.certify.certifier import Certifier, recertify
 from tsbench.make.certify.evidence import overlapping_pairs, road_users
-from tsbench.make.maps.netconvert import build_net
 from tsbench.roads.lane_graph import Destination
-from tsbench.roads.network import read_network
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates, write_certificates
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -22,14 +20,6 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import Actors
-
-
-@pytest.fixture(scope="module")
-def maker(tmp_path_factory: pytest.TempPathFactory) -> SceneMaker:
-    root = tmp_path_factory.mktemp("scenarios")
-    net = root / "road.net.xml.gz"
-    build_net(road_plain(), net)
-    return SceneMaker(root, net, read_network(net))
 
 
 def scene(maker: SceneMaker, name: str, limit: float = 30.0, horizon: int = 600) -> ScenarioSpec:

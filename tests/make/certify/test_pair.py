@@ -7,14 +7,12 @@ from pathlib import Path
 
 import pytest
 from lxml import etree
-from simworld import SceneMaker, ego_at, road_plain, simulation, speed_plate, store_scenes
+from simworld import SceneMaker, ego_at, simulation, speed_plate, store_scenes
 
 from tsbench.make.certify.certifier import Certifier, draw_sample, recertify
 from tsbench.make.certify.evidence import braking_before
-from tsbench.make.maps.netconvert import build_net
 from tsbench.make.scenes.traffic import Car
 from tsbench.roads.lane_graph import Destination
-from tsbench.roads.network import read_network
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates, write_certificates
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -27,14 +25,6 @@ from tsbench.sim.world import WorldSnapshot
 # The zone of the contrast half: the road's own limit is 50 km/h, and who keeps 30 there is needlessly slow.
 SLOW = ContrastClause("needless_slow", SlowZoneParams(("road",), 110.0, 190.0, 50.0))
 Pair = list[ScenarioSpec]
-
-
-@pytest.fixture(scope="module")
-def maker(tmp_path_factory: pytest.TempPathFactory) -> SceneMaker:
-    root = tmp_path_factory.mktemp("scenarios")
-    net = root / "road.net.xml.gz"
-    build_net(road_plain(), net)
-    return SceneMaker(root, net, read_network(net))
 
 
 def pair(

@@ -1,29 +1,13 @@
-"""The data set in tables, and how many rows of a map ask something that no other row of it asks."""
+"""The data set in tables."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any, cast
 
-import pytest
-
-from tsbench.make.dataset_tables import (
-    Asked,
-    Tagging,
-    TypeAxes,
-    asked_of,
-    axes_of,
-    axes_table,
-    dataset_page,
-    dataset_tables,
-    tagging_table,
-)
+from tsbench.make.dataset_tables import dataset_tables
 from tsbench.make.scenes.overview import TypeStats
 from tsbench.report.analyses.analysis import Analysis
-from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.sim.scene import SceneLayout
 
 STOP = TypeStats("stop", "test", 400, 200, 20, 18, {"T": 12, "X": 8}, 0.5, 1.0, 0.9999, 1.0, 1.0, 0.0, 0.84, 0.25)
 REPORT = [
@@ -63,83 +47,3 @@ def test_quotas_and_reasons() -> None:
     assert maps["quota missed"] == "X 2"
     assert maps["maps passed over, by reason"] == "3 others | go first; 1 plate … stands … m along"
     assert maps["draws passed over"] == "4 no"
-
-
-def test_the_page_counts_rows_by_split_and_shows_those_of_test() -> None:
-    page = dataset_page(dataset_tables([STOP, replace(STOP, split="train", rows=800)], REPORT), "tables")
-    assert "1,200 rows (test 400, train 800)" in page
-    assert page.count("\n| stop | 400 | ") == 1
-    assert "](tables/dataset-rows.csv)" in page
-    assert "](tables/dataset-maps.csv)" in page
-
-
-def test_in_what_rows_differ() -> None:
-    found = TypeAxes("stop", "test", 1, 3, 4, 7.9, 1.0, 2.4, 1.0, 2.4, 0.795, 0.015)
-    row = cells(axes_table([found]))
-    assert (row["plates and values"], row["densities"], row["destinations"]) == (1, 4, 2.4)
-    assert (row["apart"], row["apart without distractors"]) == ("79.5", "1.5")
-
-
-def test_generalised_maps_and_the_goal_for_routing_types() -> None:
-    within = Tagging("no_entry", "test", True, 20, 6, 30)
-    over = Tagging("direction_left", "test", True, 20, 7, 13)
-    table = tagging_table([within, over, Tagging("stop", "test", False, 20, 20, 0)])
-    assert cells(table)["generalised"] == "30.0"
-    (note,) = table.notes
-    assert "test: 32.5 % generalised, 1 of 2 types above the goal" in note
-
-
-SPEC = ScenarioSpec(
-    "yield-j-v0", "yield", "priority", "2.4", None, "j", "junction", "T", "", 0, "test", 1, 7.75, 90.0, 0.0, -1, 0,
-    600, "", "", "", "",
-)  # fmt: skip
-ASKED = Asked(("2.4", None), "south", (), "south_0", "north")
-OTHER = (("3.24", 5.6, "east"),)
-
-
-def rows(*asked: Asked, map_id: str = "j") -> list[tuple[ScenarioSpec, Asked]]:
-    return [(replace(SPEC, map_id=map_id, variant=k, density=float(k)), one) for k, one in enumerate(asked)]
-
-
-def test_who_asks_the_same_is_not_apart() -> None:
-    assert axes_of("yield", "test", rows(ASKED, ASKED, ASKED)).apart == 0.0
-
-
-def test_each_part_of_what_is_asked_sets_a_row_apart() -> None:
-    for other in (
-        replace(ASKED, plate=("2.5", None)),
-        replace(ASKED, approach="west"),
-        replace(ASKED, lane="south_1"),
-        replace(ASKED, destination="east"),
-    ):
-        found = axes_of("yield", "test", rows(ASKED, ASKED, other))
-        assert found.apart == found.apart_bare == pytest.approx(1 / 3)
-
-
-def test_distractors_alone_are_told_from_the_rest() -> None:
-    found = axes_of("yield", "test", rows(ASKED, replace(ASKED, distractors=OTHER)))
-    assert (found.apart, found.apart_bare, found.distractors) == (1.0, 0.0, 2.0)
-
-
-def test_rows_of_other_maps_do_not_count() -> None:
-    found = axes_of("yield", "test", rows(ASKED) + rows(ASKED, map_id="k"))
-    assert (found.apart, found.lanes, found.plates) == (1.0, 1.0, 1)
-
-
-def test_values_are_counted_once_a_type() -> None:
-    found = axes_of("yield", "test", rows(ASKED, replace(ASKED, plate=("2.4", 5.0)), ASKED))
-    assert (found.plates, found.speeds, found.densities) == (2, 1, 3)
-
-
-def test_the_target_and_what_binds_nobody_are_read_from_the_scene() -> None:
-    def plate(number: str, code: str, role: str) -> Any:
-        return SimpleNamespace(id=number, code=code, value=None, edge="south", role=role)
-
-    layout = SimpleNamespace(
-        signs=(plate("a", "1.1", "context"), plate("b", "2.4", "target"), plate("c", "3.24", "distractor")),
-        target="b",
-        start=SimpleNamespace(lane="south_0"),
-        destination=SimpleNamespace(edge="north"),
-    )
-    asked = asked_of(cast(SceneLayout, layout))
-    assert asked == replace(ASKED, distractors=(("3.24", None, "south"),))

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from lxml import etree
@@ -57,25 +58,18 @@ def test_an_ego_over_the_end_of_its_lane(on_block: SceneMaker, s: float) -> None
     assert any("the ego starts" in p for p in problems(on_block, EgoStart("ta_0", s, 0.0)))
 
 
-def test_a_destination_beyond_its_edge(on_block: SceneMaker) -> None:
-    assert problems(on_block, end=Destination("bu", 150.0)) == ["the destination is 150.0 m along an edge of 142.8 m"]
-
-
-def test_no_way(on_block: SceneMaker) -> None:
-    assert "no way from start to destination" in problems(on_block, end=Destination("ub", 60.0))
-
-
-def test_navigation_by_another_way(on_block: SceneMaker) -> None:
-    assert problems(on_block, route=ROUND) == ["navigation gives another way than the scene says"]
-
-
-def test_an_obedient_way_that_is_none(on_block: SceneMaker) -> None:
-    found = problems(on_block, compliant=("ta", "ab", "bc", "cd"))
-    assert found == ["the obedient way is not the one that the scene says"]
-
-
-def test_lanes_that_do_not_connect(on_block: SceneMaker) -> None:
-    assert "the way of navigation has no lanes that connect" in problems(on_block, route=("ta", "bu"))
+@pytest.mark.parametrize(
+    ("scene", "problem"),
+    [
+        ({"end": Destination("bu", 150.0)}, "the destination is 150.0 m along an edge of 142.8 m"),
+        ({"end": Destination("ub", 60.0)}, "no way from start to destination"),
+        ({"route": ROUND}, "navigation gives another way than the scene says"),
+        ({"compliant": ("ta", "ab", "bc", "cd")}, "the obedient way is not the one that the scene says"),
+        ({"route": ("ta", "bu")}, "the way of navigation has no lanes that connect"),
+    ],
+)
+def test_a_way_that_is_none(on_block: SceneMaker, scene: dict[str, Any], problem: str) -> None:
+    assert problem in problems(on_block, **scene)
 
 
 def test_a_destination_behind_the_ego(on_block: SceneMaker) -> None:
@@ -104,16 +98,10 @@ def moved(made: SceneMaker, side: float) -> SignInstance:
     return replace(sign, x=x, y=y)
 
 
-@pytest.mark.parametrize("side", [-8.0, -3.2, 0.0, 3.5])
+@pytest.mark.parametrize("side", [-8.0, -3.2, 0.0, 0.4, 1.2, 2.9, 3.5])
 def test_a_plate_on_the_wrong_side_in_the_lane_or_far_away(on_block: SceneMaker, side: float) -> None:
-    assert problems(on_block, sign=moved(on_block, side)) == [
-        f"plate sign_0 stands {side:.1f} m right of its road's edge"
-    ]
-
-
-@pytest.mark.parametrize("side", [0.4, 1.2, 2.9])
-def test_a_plate_beside_the_road(on_block: SceneMaker, side: float) -> None:
-    assert problems(on_block, sign=moved(on_block, side)) == []
+    problem = f"plate sign_0 stands {side:.1f} m right of its road's edge"
+    assert problems(on_block, sign=moved(on_block, side)) == ([] if 0.0 < side < 3.0 else [problem])
 
 
 @pytest.mark.parametrize("turn", [20.0, 90.0, 180.0, -170.0])

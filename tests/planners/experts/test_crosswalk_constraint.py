@@ -71,16 +71,13 @@ def test_an_empty_crossing_costs_no_time(network: RoadNetwork) -> None:
     assert not verdict(obedient).engaged
 
 
-def test_passes_behind_one_who_walks_away(network: RoadNetwork) -> None:
-    driven = world(network, walker("p0", "right", -8.0, constant(1.2))).run(Expert(Idm()), 60.0)
+@pytest.mark.parametrize(("from_kerb", "speed", "least"), [(-8.0, 8.0, 7.0), (20.0, 11.0, 9.0)])
+def test_passes_behind_one_who_walks_away_and_before_one_who_is_far_away(
+    network: RoadNetwork, from_kerb: float, speed: float, least: float
+) -> None:
+    driven = world(network, walker("p0", "right", from_kerb, constant(1.2)), speed=speed).run(Expert(Idm()), 60.0)
     assert driven.arrived
-    assert min(e.speed for e in driven.states) > 7.0
-
-
-def test_passes_before_one_who_is_far_away(network: RoadNetwork) -> None:
-    driven = world(network, walker("p0", "right", 20.0, constant(1.2)), speed=11.0).run(Expert(Idm()), 60.0)
-    assert driven.arrived
-    assert min(e.speed for e in driven.states) > 9.0
+    assert min(e.speed for e in driven.states) > least
     assert verdict(driven).compliant
 
 

@@ -79,17 +79,15 @@ def test_a_held_convoy_is_neither_waited_for_for_ever_nor_dashed_in_front_of(
     assert verdict(world).compliant
 
 
-def test_one_who_goes_on_standing_far_away_is_passed_in_the_end() -> None:
+@pytest.mark.parametrize(
+    ("way", "lane", "exit", "away", "within_s"), [("cn", "wc", "ce", 30.0, 60.0), ("ce", "nc", "cs", 20.0, 20.0)]
+)
+def test_one_who_stands_far_away_or_has_no_priority_is_passed_in_the_end(
+    way: str, lane: str, exit: str, away: float, within_s: float
+) -> None:
     network = load("cross")
-    world = junction(network, "cn", [car(network, "wc", "ce", 30.0, constant(0.0))]).run(Expert(Idm()), 60.0)
+    world = junction(network, way, [car(network, lane, exit, away, constant(0.0))]).run(Expert(Idm()), within_s)
     assert world.arrived
-
-
-def test_whoever_has_no_priority_is_not_waited_for() -> None:
-    network = load("cross")
-    world = junction(network, "ce", [car(network, "nc", "cs", 20.0, constant(0.0))]).run(Expert(Idm()), 60.0)
-    assert world.arrived
-    assert world.time < 20.0
 
 
 # --- speed ---

@@ -25,9 +25,9 @@ RIGHT = SignDetection(10, "right", "s", "target", "2.4", None, 0.0, 0.0, 40.0, 1
 
 
 def traced(*told: SignDetection, begun: float | None = 5.0) -> Trace:
-    events = [] if begun is None else [SimpleNamespace(start_s=begun)]
+    against = [] if begun is None else [SimpleNamespace(start_s=begun)]
     snapshots = [SimpleNamespace(time=k * 0.1) for k in range(60)]
-    return cast(Trace, SimpleNamespace(told=told, events=events, snapshots=snapshots))
+    return cast(Trace, SimpleNamespace(told=told, against=against, snapshots=snapshots))
 
 
 @pytest.mark.parametrize(

@@ -42,14 +42,14 @@ def driven(file: str, names: tuple[str, ...], out: Path, *, isolate: bool = Fals
     return {name: sorted(commands) for name, commands in found.items()}
 
 
-def test_what_a_driver_keeps_in_its_process_does_not_reach_the_next_episode(drivers: str, tmp_path: Path) -> None:
-    names = ("InObject", "InModule", "InProcess")
-    assert driven(drivers, names, tmp_path / "run") == {name: [FIRST, FIRST] for name in names}
-
-
-def test_an_isolated_driver_keeps_no_file_either(drivers: str, tmp_path: Path) -> None:
-    names = ("InProcess", "InFile")
-    assert driven(drivers, names, tmp_path / "run", isolate=True) == {name: [FIRST, FIRST] for name in names}
+@pytest.mark.parametrize(
+    ("names", "isolate"), [(("InObject", "InModule", "InProcess"), False), (("InProcess", "InFile"), True)]
+)
+def test_what_a_driver_keeps_does_not_reach_the_next_episode(
+    drivers: str, tmp_path: Path, names: tuple[str, ...], isolate: bool
+) -> None:
+    """In its process; an isolated driver keeps no file either."""
+    assert driven(drivers, names, tmp_path / "run", isolate=isolate) == {name: [FIRST, FIRST] for name in names}
 
 
 def test_who_can_remember_is_marked(drivers: str, tmp_path: Path) -> None:

@@ -106,19 +106,16 @@ def test_a_run_killed_leaves_no_process_and_is_continued_without_the_cluster(on:
     assert on.content("dead") == on.local
 
 
-def test_a_cluster_without_a_core(on: OnCluster) -> None:
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [({}, "the cluster at "), ({"RAY_ADDRESS": "127.0.0.1:1"}, "no cluster at '127.0.0.1:1' ")],
+    ids=["without a core", "not there"],
+)
+def test_no_cluster_to_run_on(on: OnCluster, given: dict[str, str], words: str) -> None:
     # The nodes that the tests before took away count until the cluster has noticed.
     on.cluster.wait_for_nodes()
-    process = on.bench.start(*RUN, "--executor", "ray", "--out", "none")
+    process = on.bench.start(*RUN, "--executor", "ray", "--out", "none", **given)
     _, err = process.communicate(timeout=HANG_S)
     assert process.returncode == 2
-    assert err.startswith("error: --executor ray: the cluster at ")
-    assert err.count("\n") == 1
-
-
-def test_no_cluster_there(on: OnCluster) -> None:
-    process = on.bench.start(*RUN, "--executor", "ray", "--out", "none", RAY_ADDRESS="127.0.0.1:1")
-    _, err = process.communicate(timeout=HANG_S)
-    assert process.returncode == 2
-    assert err.startswith("error: --executor ray: no cluster at '127.0.0.1:1' ")
+    assert err.startswith(f"error: --executor ray: {words}")
     assert err.count("\n") == 1

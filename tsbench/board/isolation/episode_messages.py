@@ -6,7 +6,7 @@ Commands as messages, both ways.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import fields, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -27,6 +27,9 @@ from tsbench.signs.catalog import load_catalog
 from tsbench.sim.ego import MAX_TRAJECTORY_POSES
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import ActorKind, ActorTable
+
+# Fields of an observation that are told as they are.
+_ALIKE = tuple(field.name for field in fields(Observation) if field.name != "route")
 
 
 class Encoder:
@@ -54,18 +57,8 @@ class Encoder:
         route = o.route
         path = None if route.path is self._path else route.path
         self._path = route.path
-        told = protocol.ObservationMessage(
-            step=o.step,
-            time=o.time,
-            ego=o.ego,
-            history=o.history,
-            route=(route.s, route.d, route.remaining),
-            path=path,
-            actors=o.actors,
-            signs=o.signs,
-            obstacles=o.obstacles,
-            truth=o.truth,
-        )
+        same = {name: getattr(o, name) for name in _ALIKE}
+        told = protocol.ObservationMessage(**same, route=(route.s, route.d, route.remaining), path=path)
         return protocol.frame(told, self._encoder)
 
     def _plain(self, value: Any) -> Any:
@@ -122,17 +115,8 @@ class Decoder:
         if told.path is not None:
             self._path = told.path
         assert self._path is not None
-        return Observation(
-            step=told.step,
-            time=told.time,
-            ego=told.ego,
-            history=told.history,
-            route=RouteView(self._path, *told.route),
-            actors=told.actors,
-            signs=told.signs,
-            obstacles=told.obstacles,
-            truth=told.truth,
-        )
+        same = {name: getattr(told, name) for name in _ALIKE}
+        return Observation(**same, route=RouteView(self._path, *told.route))
 
     def _rich(self, kind: Any, told: Any) -> Any:
         if kind is not ActorTable:

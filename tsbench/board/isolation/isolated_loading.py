@@ -35,7 +35,7 @@ def describe(spec: str, hidden: Sequence[Path] = (), only: Sequence[str] = ()) -
         process.close()
     finally:
         files.remove()
-    name = facts.name or _stem(inner)
+    name = facts.name or Path(inner.removeprefix(EXECUTABLE)).stem
     if len(name) > _LONGEST or "\n" in name:
         raise InputError(f"planner {spec!r}: says of itself what cannot be: {facts!r:.80}")
     remembers = facts.keeps_process and not begins_afresh(spec)
@@ -138,7 +138,3 @@ def load(planner: PlannerInfo, hidden: Sequence[str] = (), *, alone: bool = Fals
 def load_alone(planner: PlannerInfo, hidden: Sequence[str] = ()) -> LoadedPlanner:
     """As `load`, with a new sandbox for each episode."""
     return load(planner, hidden, alone=True)
-
-
-def _stem(spec: str) -> str:
-    return Path(spec.removeprefix(EXECUTABLE)).stem

@@ -86,7 +86,9 @@ class LiveScenario:
         """The `Scenario`, road users with their ways in the next `steps` time steps."""
         made = Scenario(self.dt, ScenarioID.from_benchmark_id(f"{COUNTRY}_Tsbench-1_1_T-1", "2020a"))
         made.add_objects(self.network(observation))
-        free = count(1 + max(_ids_of(made.lanelet_network)))
+        roads = made.lanelet_network
+        ids = (*(one.lanelet_id for one in roads.lanelets), *(one.traffic_sign_id for one in roads.traffic_signs))
+        free = count(1 + max(ids))
         made.add_objects([*_fixed(observation, free), *self._moving(observation, steps, free)])
         return made
 
@@ -172,12 +174,6 @@ def walls(roads: RoadMap) -> Any:
 
 def _is_one(lane: MapLane) -> bool:
     return lane.line.length >= _SHORTEST_M
-
-
-def _ids_of(network: Any) -> list[int]:
-    return [lanelet.lanelet_id for lanelet in network.lanelets] + [
-        sign.traffic_sign_id for sign in network.traffic_signs
-    ]
 
 
 def state_of(x: float, y: float, heading: float, speed: float, acceleration: float = 0.0, yaw_rate: float = 0.0) -> Any:

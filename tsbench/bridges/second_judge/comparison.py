@@ -60,7 +60,7 @@ def cases(run: Path, folder: Path, progress: Callable[[int, int], None]) -> Iter
         drive = ExportedDrive(file)
         for clause, (_, kinds, readings) in RULES.items():
             if trace.spec.scenario_type in kinds:
-                ours = any(event.clause == clause for event in trace.events)
+                ours = any(event.clause == clause for event in trace.against)
                 theirs = {name: drive.least(reading) < 0.0 for name, reading in readings.items()}
                 yield Case(trace.planner, trace.spec.scenario_id, clause, ours, theirs)
 

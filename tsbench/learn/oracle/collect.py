@@ -22,7 +22,7 @@ from tsbench.run.log.record import Record
 from tsbench.run.options import RunOptions
 from tsbench.run.plan import RunPlan, make_plan
 from tsbench.run.planner_info import PlannerInfo
-from tsbench.run.session import ProgressListener, drive, probe, stop_on_signals
+from tsbench.run.session import ProgressListener, distinct, drive, stop_on_signals
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
 
@@ -97,13 +97,13 @@ def collect(data: DataSet, options: CollectOptions, watcher: ProgressListener) -
             f"--learned-variants {options.learned_variants}: expected {LEAST_LEARNED_VARIANTS} to {VARIANTS}"
         )
     plan = make_plan(options.request, data)
-    effective = {"collection": KIND, "split": plan.request.split, "tries": options.tries}
+    effective = {"collection": KIND, "split": options.request.split, "tries": options.tries}
     # Without rows: each line knows the row that it was driven on, so the table may grow.
-    contract = basis(plan.data)
+    contract = basis(data)
     check_folder(options.out, {"contract": contract, "effective": effective})
     most = len(plan.scenarios) * len(options.request.planners)
     with make_executor("local", options.workers, most, Limits()) as pool:
-        planners = probe(pool, options.request)
+        planners = distinct(pool.probe(options.request.planners))
         for planner in planners:
             if not planner.privileged:
                 raise InputError(f"--planner {planner.spec}: is no expert: it is not told the rule")
@@ -113,10 +113,11 @@ def collect(data: DataSet, options: CollectOptions, watcher: ProgressListener) -
         with closing(Collection(options.out, manifest, plan.table, planners, options.redrive)) as collection:
             for line in collection.notices:
                 watcher.notice(line)
-            return _collect(options, plan, pool, planners, collection, watcher)
+            return _collect(data, options, plan, pool, planners, collection, watcher)
 
 
 def _collect(
+    data: DataSet,
     options: CollectOptions,
     plan: RunPlan,
     pool: Executor,
@@ -137,8 +138,8 @@ def _collect(
         device="cpu",
         trace="none",
         out=str(collection.path.resolve()),
-        data=plan.data,
-        split=plan.request.split,
+        data=data,
+        split=options.request.split,
         contract=collection.manifest["contract"],
         runner="tsbench.learn.oracle.trajectories:OracleRunner",
         recorder="tsbench.learn.oracle.trajectories:record_of",

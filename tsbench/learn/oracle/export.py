@@ -11,6 +11,7 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import closing
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -96,24 +97,20 @@ def export(
     seen = SceneSeen()
     card, schema = Card(seen), _schema(seen)
     drives = ticks = 0
-    simulation = Simulation()
-    begin = partial(Episode, simulation=simulation, loader=SceneLoader(data))
-    try:
-        with io_errors_as_input_errors(out), replacing(out) as part:
-            with pq.ParquetWriter(part, schema, compression="zstd") as writer:
-                for drive in islice(chosen, limit):
-                    row = rows[drive.scenario_id]
-                    names = (drive.scenario_id, drive.planner, drive.part, row.scenario_type, row.sign_code, row.half)
-                    facts = dict(zip(_TEXT, names, strict=True))
-                    made = [{**facts, "episode_index": drives, **tick} for tick in ticks_of(drive, row, seen, begin)]
-                    writer.write_table(pa.Table.from_pylist(made, schema=schema))
-                    card.add(facts, len(made))
-                    drives, ticks = drives + 1, ticks + len(made)
-            if not drives:
-                raise InputError(f"{path}: has no drive of split {split} up to rank {rank}")
-            write_atomic(out.with_name(f"{out.stem}.{NAME}"), card.text(path, split, rank, limit).encode())
-    finally:
-        simulation.close()
+    with closing(Simulation()) as simulation, io_errors_as_input_errors(out), replacing(out) as part:
+        begin = partial(Episode, simulation=simulation, loader=SceneLoader(data))
+        with pq.ParquetWriter(part, schema, compression="zstd") as writer:
+            for drive in islice(chosen, limit):
+                row = rows[drive.scenario_id]
+                names = (drive.scenario_id, drive.planner, drive.part, row.scenario_type, row.sign_code, row.half)
+                facts = dict(zip(_TEXT, names, strict=True))
+                made = [{**facts, "episode_index": drives, **tick} for tick in ticks_of(drive, row, seen, begin)]
+                writer.write_table(pa.Table.from_pylist(made, schema=schema))
+                card.add(facts, len(made))
+                drives, ticks = drives + 1, ticks + len(made)
+        if not drives:
+            raise InputError(f"{path}: has no drive of split {split} up to rank {rank}")
+        write_atomic(out.with_name(f"{out.stem}.{NAME}"), card.text(path, split, rank, limit).encode())
     return drives, ticks
 
 

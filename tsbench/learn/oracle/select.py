@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -172,15 +173,12 @@ def verify(data: DataSet, path: Path, split: str, limit: int | None) -> int:
     rows = _rows(data, split)
     names = ((d.scenario_id, d.planner) for d in _drives(path, data.table_path(split), rows))
     chosen = set(sorted(names, key=lambda name: seed_of(KIND, "verify", *name))[:limit])
-    simulation = Simulation()
-    replayer = Replayer(simulation, SceneLoader(data))
-    try:
+    with closing(Simulation()) as simulation:
+        replayer = Replayer(simulation, SceneLoader(data))
         # In the table's order, in which scenarios of a network follow each other.
         for drive in stream_trajectories(path):
             if (drive.scenario_id, drive.planner) in chosen:
                 replayer.replay(drive, rows[drive.scenario_id])
-    finally:
-        simulation.close()
     return len(chosen)
 
 

@@ -52,9 +52,6 @@ class DetourPlacement(ScenePlacement):
     halves exchange the two. No other vehicle drives in this direction, because none could keep all four plates.
     """
 
-    def __init__(self, recipe: Recipe) -> None:
-        self.code = recipe.type.codes[0]
-
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The road stays as it is: other traffic sees the obstacle itself."""
         require(row.lanes >= recipe.number("least_lanes"), f"{row.lanes} lanes")
@@ -154,9 +151,6 @@ class ClosedRoadPlacement(ScenePlacement):
     A second post stands at the mouth of another exit; in the contrast half 3.2 hangs there. No vehicle uses
     either road.
     """
-
-    def __init__(self, recipe: Recipe) -> None:
-        self.code = recipe.type.codes[0]
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The through pair has priority; other traffic learns of the closure from its routes and the barriers."""

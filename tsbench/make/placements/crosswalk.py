@@ -61,9 +61,6 @@ class CrosswalkPlacement(ScenePlacement):
     5.19 at the first and a limit, which slows no vehicle, at the second; in the contrast half they are exchanged.
     """
 
-    def __init__(self, recipe: Recipe) -> None:
-        self.code = recipe.type.codes[0]
-
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The road with its crossings and footpaths."""
         edge = next(e for e in plain.edges if e.id == row.fields["edge"])

@@ -53,7 +53,7 @@ class ManoeuvrePlacement(ScenePlacement):
     """
 
     def __init__(self, recipe: Recipe) -> None:
-        self.code = recipe.type.codes[0]
+        super().__init__(recipe)
         self.catalog = recipe.catalog
         self.allowed = self._allowed(self.code)
         rules = {"manoeuvre", "one_way_exit"}

@@ -121,7 +121,13 @@ class SceneTask:
 
 
 class ScenePlacement(ABC):
-    """How one type is laid out: the network's edits once per map, then both halves of each variant."""
+    """How one type is laid out: the network's edits once per map, then both halves of each variant.
+
+    code: of the target's plate.
+    """
+
+    def __init__(self, recipe: Recipe) -> None:
+        self.code = recipe.type.codes[0]
 
     @abstractmethod
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:

@@ -53,7 +53,7 @@ class ReservedLanePlacement(ScenePlacement):
     """
 
     def __init__(self, recipe: Recipe) -> None:
-        self.code = recipe.type.codes[0]
+        super().__init__(recipe)
         self.users = recipe.catalog.sign(self.code).rule.option("users")
 
     def _zone(self, row: PoolRow, recipe: Recipe) -> tuple[float, float]:
@@ -154,7 +154,7 @@ class ContraflowPlacement(ScenePlacement):
     """`bus_lane_road`, `bike_lane_road`: users come towards an ego that drives straight on in its lane."""
 
     def __init__(self, recipe: Recipe) -> None:
-        self.code = recipe.type.codes[0]
+        super().__init__(recipe)
         self.users = recipe.catalog.sign(self.code).rule.option("users")
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
@@ -169,7 +169,7 @@ class ContraflowPlacement(ScenePlacement):
         """The ego 60 to 100 m before the line in the leftmost lane; users come towards it from the road's end."""
         network, graph, recipe, variant = task.network, task.graph, task.recipe, task.variant
         reserved = next((e for e in network.edges if e.endswith(_CONTRA)), "")
-        turned = contraflow_lanes(network, "passenger").get(network.edge_lanes(reserved)[0].index)
+        turned = contraflow_lanes(network).get(network.edge_lanes(reserved)[0].index)
         if turned is None:
             raise UnfitMapError("the turned lane does not lie straight ahead of a lane")
         lane, exit_, contra = network.lanes[turned.entry], turned.host, network.lanes[turned.lane]

@@ -46,9 +46,6 @@ _FASTER_MPS = 0.5
 class RoundaboutPlacement(ScenePlacement):
     """`roundabout`: 4.3 at the entry of the map; who is on the ring goes first."""
 
-    def __init__(self, recipe: Recipe) -> None:
-        self._code = recipe.type.codes[0]
-
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The ring has priority, and no vehicle drives it faster than its bend allows."""
         ring = set(row.fields["ring"])
@@ -94,11 +91,11 @@ class RoundaboutPlacement(ScenePlacement):
         others = [leg["edges"][-1] for leg in row.fields["entries"] if leg["edges"][-1] != approach]
         params = RoundaboutParams(approach, node, (upstream,), ring=tuple(ring))
         before_m = recipe.number("plate_before_line_m")
-        sign = plate_beside(network, self._code, approach, lane.line.length - before_m, params)
+        sign = plate_beside(network, self.code, approach, lane.line.length - before_m, params)
         # A ring is signed at every entry.
         lengths = {e: network.edge_lanes(e)[0].line.length for e in others if e in network.edges}
         more = [
-            plate_beside(network, self._code, e, max(length - before_m, 0.0), number=k + 1, role=DISTRACTOR)
+            plate_beside(network, self.code, e, max(length - before_m, 0.0), number=k + 1, role=DISTRACTOR)
             for k, (e, length) in enumerate(lengths.items())
         ]
         return Arrangement(

@@ -68,7 +68,7 @@ class SpeedZonePlacement(ScenePlacement):
     ends_in_zone = False
 
     def __init__(self, recipe: Recipe) -> None:
-        self.code = recipe.type.codes[0]
+        super().__init__(recipe)
         self.end_code = recipe.type.end_codes[0]
         self.other_codes = recipe.choices.get("contrast_plates", [self.code, self.end_code])
 
@@ -222,9 +222,6 @@ class MinSpeedPlacement(ScenePlacement):
     In the contrast half the plate there allows no more than the speed of the slow style, the blind baseline. No other
     vehicle drives on the road: none could keep both halves' plates.
     """
-
-    def __init__(self, recipe: Recipe) -> None:
-        self.code = recipe.type.codes[0]
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The road stays as it is."""

@@ -6,8 +6,8 @@ Where plates are placed: `tsbench.make.placements`. Which kinds of places a sign
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
+from collections.abc import Callable
+from typing import get_args
 
 from tsbench.geometry.elementary import STRAIGHT, TURNS, U_TURN
 from tsbench.make.scenes.plate_surroundings import CLOSED, ONE_WAY, PlacedPlates, PlateHere
@@ -179,7 +179,7 @@ def _has_lane_against(network: RoadNetwork, name: str) -> bool:
     """Has a one-way road a lane for others than cars in the other direction?"""
     edge = network.edges[name]
     against = (e for e in network.edges.values() if (e.source, e.target) == (edge.target, edge.source))
-    return any(e.lanes and all(is_reserved(network.lanes[i], "passenger") for i in e.lanes) for e in against)
+    return any(e.lanes and all(is_reserved(network.lanes[i]) for i in e.lanes) for e in against)
 
 
 def _mouth(here: PlateHere) -> str:
@@ -323,34 +323,5 @@ def _is_over(here: PlateHere, before: SignInstance) -> bool:
     return any(PlateHere(here.scene, p).is_before(before) for p in ends)
 
 
-_CHECKS: Mapping[Place, Callable[[PlateHere], str]] = MappingProxyType(
-    {
-        "line": _line,
-        "junction": _junction,
-        "priority": _priority,
-        "choice": _choice,
-        "shown": _shown,
-        "open_road": _open_road,
-        "enterable": _enterable,
-        "onward": _onward,
-        "one_way_across": _one_way_across,
-        "obstacle": _obstacle,
-        "several_lanes": _several_lanes,
-        "by_its_lane": _by_its_lane,
-        "kerb_lane": _kerb_lane,
-        "contraflow": _contraflow,
-        "mouth": _mouth,
-        "unentered": _unentered,
-        "unused": _unused,
-        "entered": _entered,
-        "begin": _begin,
-        "road_speed": _road_speed,
-        "not_before_yield": _not_before_yield,
-        "crossing": _crossing,
-        "ring": _ring,
-        "alone": _alone,
-        "both_ways": _both_ways,
-        "own_direction": _own_direction,
-        "lasting": _lasting,
-    }
-)
+# The check of a kind of place is the function of its name.
+_CHECKS: dict[Place, Callable[[PlateHere], str]] = {place: globals()[f"_{place}"] for place in get_args(Place)}

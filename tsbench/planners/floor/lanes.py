@@ -105,7 +105,7 @@ def _to_oncoming(context: PlannerContext, seen: Observation, post: float) -> flo
     x, y = route.path.line.point_at(post, offset)
     heading = route.path.line.heading_at(post)
     there = [one for one in lanes if not one.internal and _holds(one, x, y, heading)]
-    if not there or _somebody_comes(seen, there):
+    if not there or np.isin(seen.actors.lane, [one.index for one in there]).any():
         return None
     return offset
 
@@ -114,11 +114,6 @@ def _holds(lane: MapLane, x: float, y: float, heading: float) -> bool:
     s, d = lane.line.project(x, y)
     against = math.cos(lane.line.heading_at(s) - heading) < -0.9
     return against and abs(d) < 0.5 * lane.width and 0.0 < s < lane.line.length
-
-
-def _somebody_comes(seen: Observation, lanes: list[MapLane]) -> bool:
-    on_it = np.isin(seen.actors.lane, [lane.index for lane in lanes])
-    return bool(on_it.any())
 
 
 def limit_of(start: float) -> float:

@@ -72,7 +72,7 @@ def cause_of_failure(trace: Trace, catalog: Catalog) -> str:
     if not right:
         return MISSED
     first = right[0]
-    begun = min((event.start_s for event in trace.events), default=float("inf"))
+    begun = min((event.start_s for event in trace.against), default=float("inf"))
     if begun <= trace.snapshots[first.step].time or first.speed**2 > 2.0 * _LATE_MPS2 * max(first.ahead_m, 0.0):
         return LATE
     return FALSE_PLATE if any(told.kind == FALSE for told in trace.told) else ""

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import zip_longest
@@ -271,11 +271,7 @@ def by_interest(index: EpisodeIndex) -> list[int]:
     for row in index.traces:
         rank = 0 if column["violation_clause"][row] else 1 if not column["scd"][row] else 2
         classes[rank].setdefault((column["scenario_type"][row], column["planner"][row]), []).append(row)
-    alone = [row for queues in classes.values() for row in _in_turn(queues)]
+    turns = (zip_longest(*(queues[name] for name in sorted(queues))) for queues in classes.values())
+    alone = [row for turn in turns for places in turn for row in places if row is not None]
     halves = (half for row in alone for half in (row, index.partners.get(row, row)))
     return [row for row in dict.fromkeys(halves) if row in index.traces]
-
-
-def _in_turn(queues: Mapping[tuple[str, str], list[int]]) -> Iterator[int]:
-    for places in zip_longest(*(queues[name] for name in sorted(queues))):
-        yield from (row for row in places if row is not None)

@@ -57,7 +57,7 @@ class Strip:
         )
         for k, (name, unit, values, least) in enumerate(panels):
             part = self._image[k * half : (k + 1) * half]
-            for event in trace.events:
+            for event in trace.against:
                 left, right = self._x(event.start_s), self._x(event.end_s)
                 part[:, left : max(right, left + 2)] = (70, 36, 42)
             self._draw(part, time, values, f"{name}, {unit}", least)
@@ -108,7 +108,7 @@ class BirdsEye:
         view = build_planner_map(scene.network)
         self._views, self._traffic_view = trace.routes(view, scene), TrafficView(scene.network, view)
         others = (*trace.snapshots[-1].actors.table.ids, *(o.id for o in scene.obstacles))
-        self._named = named_from(trace.events, others) if named else {}
+        self._named = named_from(trace.against, others) if named else {}
         self._track = np.array([(s.ego.x, s.ego.y) for s in trace.snapshots])
         bounds = (FOLLOW_PX_PER_M if follow else WHOLE_SCENE_PX_PER_M / 2, LARGEST_PX_PER_M)
         self._still = camera_over(around, size.width, size.view_height, _MARGIN_M, bounds)
@@ -144,7 +144,7 @@ class BirdsEye:
 
     def _make_hud(self, artwork: Artwork) -> Hud:
         trace = self.trace
-        shares = [v.start_s / self._last for v in trace.events]
+        shares = [v.start_s / self._last for v in trace.against]
         parts = episode_subtitle(trace, artwork).split(" · ")
         # A narrow page has room for the scenario and its sign.
         subtitle = " · ".join(parts[:2] if self.size.compact else parts)
@@ -245,14 +245,14 @@ class BirdsEye:
             self._trailed = tick
 
     def _mark(self, time: float) -> None:
-        events = self.trace.events
+        events = self.trace.against
         while self._marked < len(events) and events[self._marked].start_s <= time + 1e-6:
             mark_violation(self.ground, self._ground_camera, events[self._marked])
             self._marked += 1
 
     def _moment(self, tick: int) -> FrameInfo:
         snapshot = self.trace.snapshots[tick]
-        begun = [v for v in self.trace.events if v.start_s <= snapshot.time + 1e-6]
+        begun = [v for v in self.trace.against if v.start_s <= snapshot.time + 1e-6]
         ended = tick == len(self.trace.snapshots) - 1 and not self._under_way
         event = max(begun, key=lambda v: v.start_s) if begun else None
         return FrameInfo(

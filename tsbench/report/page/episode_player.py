@@ -82,7 +82,7 @@ class EpisodePacker:
             "otherwise": self._otherwise(trace, scene),
             "told": _told(trace, scene),
             "named": named_from(
-                trace.events, (*trace.snapshots[-1].actors.table.ids, *(o.id for o in scene.obstacles))
+                trace.against, (*trace.snapshots[-1].actors.table.ids, *(o.id for o in scene.obstacles))
             ),
             "obstacles": [[o.id, round(o.x, 2), round(o.y, 2)] for o in scene.obstacles],
             "gap_s": _gap(scene),
@@ -104,7 +104,7 @@ class EpisodePacker:
     def _otherwise(self, trace: Trace, scene: Scene) -> str:
         """What a failed drive of one half would have in the other; "" for any other, and for one of other scenes."""
         spec = trace.spec
-        if not (spec.pair_id and trace.events):
+        if not (spec.pair_id and trace.against):
             return ""
         if spec.split not in self._others:
             self._others[spec.split] = other_halves(self._data.table(spec.split))
@@ -122,7 +122,7 @@ def pack_plate(artwork: Artwork, key: str) -> bytes:
 
 def _about(trace: Trace, artwork: Artwork) -> dict[str, Any]:
     spec = trace.spec
-    verdicts = ((replace(trace.target, violations=tuple(trace.events)), True), *((v, False) for v in trace.others))
+    verdicts = ((replace(trace.target, violations=trace.against), True), *((v, False) for v in trace.others))
     events = [
         {"target": target, **event, "unit": unit_words(event["unit"]), "sentence": readable(event["sentence"])}
         for verdict, target in verdicts

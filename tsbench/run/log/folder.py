@@ -149,7 +149,9 @@ class RunFolder:
                 self.close()
                 raise
             if self.journal is not None:
-                self._open_session()
+                self.manifest.update(status="running", finished=None)
+                self.manifest["sessions"].append({"started": timestamp(), "finished": None, "status": "running"})
+                write_json(path / NAME, self.manifest)
 
     def keep(self, record: Record) -> None:
         """Write down one episode: first its error's story, then the line that makes it finished."""
@@ -198,11 +200,6 @@ class RunFolder:
     def close(self) -> None:
         if self.journal is not None:
             self.journal.close()
-
-    def _open_session(self) -> None:
-        self.manifest.update(status="running", finished=None)
-        self.manifest["sessions"].append({"started": timestamp(), "finished": None, "status": "running"})
-        write_json(self.path / NAME, self.manifest)
 
     def _check_complete(self) -> None:
         """The tables are those that the run wrote; foreign files are named."""

@@ -224,9 +224,9 @@ def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> str | None:
     return None
 
 
-def read_manifest(folder: Path, name: str = NAME) -> Manifest | None:
+def read_manifest(folder: Path) -> Manifest | None:
     """The manifest of a run folder, or None. Raises InputError for one that is not ours."""
-    path = folder / name
+    path = folder / NAME
     if not (path.exists() or path.is_symlink()):
         return None
     # Reading it would wait for a writer.
