@@ -97,6 +97,13 @@ def test_the_end_has_the_sentences_of_what_is_held_against_it() -> None:
     assert other == "With the other half's plates, 2.1 Main road, the same drive has: no violation."
 
 
+def test_halves_of_one_sign_are_told_by_what_is_around_it() -> None:
+    main_road = min(one.scenario_id for one in tsbench.load_scenarios("dev", "main_road"))
+    told = tsbench.drive("idm", main_road).run().look().splitlines()
+    assert "The sign is 2.1 Main road." in told
+    assert told[-1].startswith("With the other half's plates, the same sign with others around it, the same drive has:")
+
+
 def test_the_mean_speed_that_is_judged_has_its_stretch() -> None:
     def slow(o: tsbench.Observation) -> tsbench.Control:
         return tsbench.Control(0.5 * (5.0 - o.ego.speed), 0.0)
@@ -141,11 +148,10 @@ def test_one_at_a_time() -> None:
 
 def test_what_is_not_there_is_named() -> None:
     with pytest.raises(
-        InputError,
-        match=r"scenario nowhere: no scenario of any split that is here \(tsbench scenarios list names them\)",
+        InputError, match=r"^nowhere: no scenario of any split that is here; tsbench scenarios list names them$"
     ):
         tsbench.drive(straight, "nowhere")
-    with pytest.raises(InputError, match=f"scenario {SCENARIO}: no scenario of test"):
+    with pytest.raises(InputError, match=f"^{SCENARIO}: no scenario of test"):
         tsbench.drive(straight, SCENARIO, split="test")
     with pytest.raises(InputError, match="an object with reset and act"):
         tsbench.drive(3, SCENARIO)  # type: ignore[arg-type]

@@ -123,6 +123,11 @@ def test_seeds_of_one_planner_stand_as_mean_and_spread_above_their_rows(honest: 
     assert first is not None
     assert float(first[1]) == pytest.approx((low + high) / 2)
     assert float(first[3]) == pytest.approx(abs(high - low) / 2**0.5, abs=0.05)
+    # So they stand in the chart, too.
+    (drawn,) = re.findall(r"paired SCD by planner, exact perception: ([^<]*)", page)
+    ends = f"{(low + high) / 2 - float(first[3]):.1f} to {(low + high) / 2 + float(first[3]):.1f}"
+    assert re.findall(r"mine[^;]*", drawn)[:1] == [f"mine (2 seeds) {first[2]} % (standard deviation {ends})"]
+    assert re.findall(r"(\S+)(?: \(2 seeds\))? [0-9.]+ % \(", drawn) == ["mine", "mine-seed2", "other-seed3"]
     for anchor in re.findall(r'href="#(s-[0-9a-f]{8})"', seeds):
         assert f'id="{anchor}"' in page
     # A refuted seed is none.

@@ -95,6 +95,12 @@ def test_other_contracts_are_refused_unless_forced(run, tmp_path: Path) -> None:
     assert CONTRACT in told
     assert "d" * 64 in told
     assert "--force" in told
+    manifest = json.loads((tmp_path / "b" / "run.json").read_text())
+    assert "versions differ, so" in told
+    own = manifest["versions"]["numpy"]
+    manifest["versions"]["numpy"] = "9.9.9"
+    (tmp_path / "b" / "run.json").write_text(json.dumps(manifest))
+    assert f"versions differ (numpy {own} and 9.9.9), so their scores" in refused(run, "a", "b")
     out, _ = run("a", "b", "--force", "--png", "forced.png")
     assert out.startswith("FORCED, contracts differ (A c0ffeec0ffee, B dddddddddddd): A idm (a)")
     assert f"A edition {LOCAL}, contract {CONTRACT}\nB edition {LOCAL}, contract {'d' * 64}\n" in out
@@ -156,8 +162,22 @@ def test_names_of_kept_results(run) -> None:
     out, _ = run("blind", "plant2-ft", "idm-e")
     for planner in ("plant2-ft", "idm-e"):
         assert f"A blind (kept results, floor), B {planner} (kept results): 1080 paired scenarios\n" in out
-    assert "planners with kept results: Lawless," in refused(run, "blind", "plant3-ft")
+    assert "planners with kept results (did you mean plant2-ft?): Lawless," in refused(run, "blind", "plant3-ft")
     assert "--csv and --png are of one comparison" in refused(run, "blind", "idm", "idm-e", "--csv", "x.csv")
+
+
+def test_where_all_stand_is_said_last_on_one_screen(run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    out, _ = run("blind", "plant2-ft", "idm-e")
+    told = out.partition("\nWhere they stand\n")[2].splitlines()
+    assert len(told) < 20
+    assert max(map(len, told)) <= 80
+    # Once each, with the interval of the difference below it.
+    assert [line.split()[:3] for line in told if line[:1] in "AB"] == [
+        ["A", "blind", "0.2"], ["B", "plant2-ft", "88.0"], ["B-A,", "paired", "SCD"],
+        ["B", "idm-e", "98.6"], ["B-A,", "paired", "SCD"],
+    ]  # fmt: skip
+    assert told[0].split() == ["%", "all", "types", "priority", "speed", "obstacles", "routing"]
 
 
 @pytest.mark.parametrize(

@@ -93,3 +93,7 @@ def test_an_episode_of_a_run_is_driven_as_it_was(tmp_path: Path) -> None:
 def test_nothing_to_drive_is_one_line() -> None:
     with pytest.raises(InputError, match="name what to drive: RUN EPISODE, or --planner and --scenario"):
         debug("--planner", "idm")
+    with pytest.raises(InputError, match="name what to drive: RUN EPISODE, or --planner and --scenario"):
+        debug(SCENARIO)
+    with pytest.raises(InputError, match=rf"no scenario of any split .* \(did you mean {SCENARIO}\?\); tsbench scen"):
+        debug("--planner", "idm", "--scenario", SCENARIO.replace("-msk-", "-mks-"))

@@ -71,7 +71,8 @@ def test_an_option_is_one_thing_in_all_commands() -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["frobnicate"], "No such command 'frobnicate'"),
+        (["frobnicate"], "No such command 'frobnicate'. (see"),
+        (["compaire"], "No such command 'compaire' (did you mean compare?)."),
         (["run", "--split", "test"], "Missing option '--planner'"),
         (["run", "--planner", "idm"], "Missing option '--split'"),
         (["run", "--planner", "idm", "--split", "exam"], "Invalid value for '--split'"),
@@ -85,6 +86,10 @@ def test_an_option_is_one_thing_in_all_commands() -> None:
         (
             ["run", "--planner", "idm", "--split", "dev", "--city", "atlantis"],
             "--city atlantis: no such city; there are andorra, krems, moscow, north-bayreuth\n",
+        ),
+        (
+            ["run", "--planner", "idm", "--split", "dev", "--city", "Moscow"],
+            "a city's name is of a-z, 0-9 and '-'; there are andorra, krems, moscow, north-bayreuth\n",
         ),
         (["run", "--planner", "idn", "--split", "test", "--limit", "1"], "planner 'idn': no such planner"),
         (["rescore", "no/such/run"], "no/such/run: no run folder"),

@@ -39,6 +39,16 @@ def test_a_command_without_its_extra_is_one_line() -> None:
     assert ended.stderr.endswith("which is not installed: pip install 'tsbench[report]'\n")
 
 
+@pytest.mark.slow
+def test_a_picture_of_the_environment_names_its_extra() -> None:
+    code = """import sys; sys.modules['resvg_py'] = None
+import gymnasium
+made = gymnasium.make("tsbench.learn.envs:tsbench/Drive-v1", split="dev", render_mode="rgb_array")
+made.reset(seed=0); made.render()"""
+    ended = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert ended.stderr.endswith("this needs resvg_py, which is not installed: pip install 'tsbench[report]'\n")
+
+
 def test_a_module_of_no_extra_is_no_bad_input(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(SECTIONS["Bring a planner of your own"], "bench", ("tsbench.no_such_module:x", ""))
     with pytest.raises(ModuleNotFoundError):

@@ -58,6 +58,13 @@ def test_causes_are_counted_and_shown(run: StoredRun) -> None:
     ]
 
 
+def test_an_exception_is_shown_first_however_rare(tmp_path: Path) -> None:
+    rows = [episode("idm", 0, k, v, **lost(f"clause_{k}")) for k in range(6) for v in range(2)]
+    make_run(tmp_path / "r", [*rows, episode("idm", 1, 0, 0, **failed("TypeError: no"))])
+    shown = [line.split()[0] for line in examples(read_run(tmp_path / "r")) if line[2] != " " and line[0] == " "]
+    assert shown == ["error", "clause_0", "clause_1", "clause_2", "clause_3"]
+
+
 @pytest.mark.parametrize(("planners", "most"), [(1, 12), (4, 20), (10, 20), (20, 20), (21, 21)])
 def test_failures_of_any_number_of_planners_fit_a_screen(tmp_path: Path, planners: int, most: int) -> None:
     causes = ("entered_while_blocked", "did_not_yield", "over_limit", "no_full_stop", "wrong_way", "entered")

@@ -12,6 +12,7 @@ from typing import Any
 from tsbench.api.evaluate import Given
 from tsbench.core.errors import InputError, load
 from tsbench.core.paths import expanded_text
+from tsbench.core.text import did_you_mean
 from tsbench.episode.episode import Episode
 from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.perception_level import EXACT, EXACTLY, Perception, load_level
@@ -196,12 +197,12 @@ def drive(
 
 def row_of(data: DataSet, scenario: str, split: str | None = None) -> ScenarioSpec:
     """The row of a scenario by its id. Raises InputError where no table, or no table of that split, has it."""
-    for name in data.splits if split is None else (split,):
-        found = next((row for row in data.table(name) if row.scenario_id == scenario), None)
-        if found is not None:
-            return found
+    rows = {row.scenario_id: row for name in (data.splits if split is None else (split,)) for row in data.table(name)}
+    if scenario in rows:
+        return rows[scenario]
     raise InputError(
-        f"--scenario {scenario}: no scenario of {split or 'any split that is here'} (tsbench scenarios list names them)"
+        f"{scenario}: no scenario of {split or 'any split that is here'}{did_you_mean(scenario, rows)}; "
+        "tsbench scenarios list names them"
     )
 
 

@@ -7,6 +7,7 @@ import unicodedata
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
 from functools import cache, cached_property
+from itertools import chain
 from pathlib import Path
 from statistics import mean, stdev
 
@@ -124,11 +125,12 @@ class BoardRow:
 class SeedRows:
     """Seeds of one planner: rows of one data set, level and authors that are called `NAME`, `NAME-seed1`, …; no floors.
 
-    rows: of each seed the one to show; two at least, none refuted.
+    rows: of each seed the one to show; two at least, none refuted. submitted: all of them.
     """
 
     name: str
     rows: tuple[BoardRow, ...]
+    submitted: tuple[BoardRow, ...]
 
     def figure(self, name: str, over: str = "all") -> tuple[float, float] | None:
         """Mean and standard deviation, %, None where a row has no such figure."""
@@ -145,7 +147,11 @@ def seeds_of(rows: Iterable[BoardRow]) -> list[SeedRows]:
         if not (row.refuted or s.planner.floor):
             name = _SEED.sub("", s.planner.name)
             found.setdefault((name, s.authors), {}).setdefault(s.planner.name, []).append(row)
-    return [SeedRows(name, tuple(map(latest, own.values()))) for (name, _), own in found.items() if len(own) > 1]
+    return [
+        SeedRows(name, tuple(map(latest, own.values())), tuple(chain.from_iterable(own.values())))
+        for (name, _), own in found.items()
+        if len(own) > 1
+    ]
 
 
 def latest(rows: Iterable[BoardRow]) -> BoardRow:

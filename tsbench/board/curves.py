@@ -21,6 +21,8 @@ _ROWS, _ROW = 0.75, 0.28
 _NAME = 34
 _COLOUR = GROUP_COLOURS["priority"]
 Point = tuple[str, Figure]
+# `Figure.over` of a mean over a planner's seeds: its ends are one standard deviation away.
+SEEDS = "seeds"
 
 
 def curve(points: Sequence[Point], floor: Point | None, name: str, title: str) -> Markup:
@@ -92,5 +94,6 @@ def _forest(points: Sequence[Point], floors: Container[str]) -> Drawing:
 def _words(figure: Figure) -> str:
     if figure.value is None:
         return "unknown"
-    interval = "" if figure.low is None else f" (95 % interval {figure.low:.1f} to {figure.high:.1f})"
+    ends = "standard deviation" if figure.over == SEEDS else "95 % interval"
+    interval = "" if figure.low is None else f" ({ends} {figure.low:.1f} to {figure.high:.1f})"
     return f"{figure.value:.1f} %{interval}"

@@ -12,7 +12,7 @@ from typing import Any
 from markupsafe import Markup
 
 from tsbench.board import curves
-from tsbench.board.board_rows import PAGE, BoardRow, latest, read_rows, seeds_of
+from tsbench.board.board_rows import PAGE, BoardRow, SeedRows, latest, read_rows, seeds_of
 from tsbench.board.players import show_failures
 from tsbench.board.submission import Figure, Submission
 from tsbench.core.errors import InputError
@@ -91,23 +91,32 @@ def _data_set(rows: Sequence[BoardRow]) -> dict[str, Any]:
 
 
 def _level(rows: list[BoardRow]) -> dict[str, Any]:
-    drawn = [row for row in rows if not row.refuted and row.primary is not None]
+    seeds = seeds_of(rows)
     return {
-        "chart": _chart(drawn) if len(drawn) > 1 else None,
+        "chart": _chart([row for row in rows if not row.refuted and row.primary is not None], seeds),
         "name": rows[0].submission.level,
         "rows": [row for row in rows if not row.submission.planner.floor],
-        "seeds": seeds_of(rows),
+        "seeds": seeds,
         "floors": [row for row in rows if row.submission.planner.floor],
     }
 
 
-def _chart(rows: Sequence[BoardRow]) -> Markup:
-    """The figures of rows of one level."""
-    first, names = rows[0].submission, _distinct([row.submission.title for row in rows], rows)
+def _chart(rows: Sequence[BoardRow], seeds: Sequence[SeedRows]) -> Markup | None:
+    """The figures of rows of one level, seeds of a planner as one mark; None where there is but one."""
+    names, part = _distinct([row.submission.title for row in rows], rows), _primary_part(rows)
+    means = [(one, found) for one in seeds if (found := one.figure(part)) is not None]
+    within = {row.sha256 for one, _ in means for row in one.submitted}
+    points = [(n, row.primary) for n, row in zip(names, rows, strict=True) if row.primary and row.sha256 not in within]
+    for one, (mean, spread) in means:
+        mark = Figure(part, curves.SEEDS, mean, mean - spread, mean + spread, len(one.rows))
+        points.append((f"{one.name} ({len(one.rows)} seeds)", mark))
+    if len(points) < 2:
+        return None
+    first = rows[0].submission
     return curves.forest(
-        [(name, row.primary) for name, row in zip(names, rows, strict=True) if row.primary is not None],
+        sorted(points, key=lambda point: -(point[1].value or 0.0)),
         f"planners-{first.contract[:8]}-{first.level}",
-        f"{_primary_name(rows)} by planner, {first.level} perception",
+        f"{NAMES[part]} by planner, {first.level} perception",
         {name for name, row in zip(names, rows, strict=True) if row.submission.planner.floor},
     )
 
@@ -132,7 +141,7 @@ def _curve(own: Sequence[BoardRow], rows: Sequence[BoardRow]) -> Markup | None:
         return None
     first = own[0]
     name = f"curve-{first.planner_id}-{first.submission.contract[:8]}"
-    return curves.curve(known, _floor(rows), name, f"{_primary_name(best)} of {first.submission.title} by level")
+    return curves.curve(known, _floor(rows), name, f"{NAMES[_primary_part(best)]} of {first.submission.title} by level")
 
 
 def _floor(rows: Sequence[BoardRow]) -> tuple[str, Figure] | None:
@@ -157,13 +166,13 @@ def _cities(own: Sequence[BoardRow]) -> list[tuple[str, Markup]]:
         best = {city: latest(rows) for city, rows in sorted(by_city.items())}
         points = [(city, row.primary) for city, row in best.items() if row.primary is not None]
         if len(points) > 1:
-            title = f"{_primary_name(list(best.values()))} of {own[0].submission.title} by city, {split} split"
+            title = f"{NAMES[_primary_part(list(best.values()))]} of {own[0].submission.title} by city, {split} split"
             drawn.append((split, curves.forest(points, f"cities-{split}", title)))
     return drawn
 
 
-def _primary_name(rows: Sequence[BoardRow]) -> str:
-    return NAMES[PAIRED if all(row.figure(PAIRED) for row in rows) else SIGNED_ONES]
+def _primary_part(rows: Sequence[BoardRow]) -> str:
+    return PAIRED if all(row.figure(PAIRED) for row in rows) else SIGNED_ONES
 
 
 def _planner_page(own: Sequence[BoardRow], sets: dict[Compared, list[BoardRow]], players: int) -> str:

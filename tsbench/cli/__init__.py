@@ -12,6 +12,7 @@ import click
 from tsbench import __version__
 from tsbench.core.errors import InputError, TsbenchError, load, missing_extra
 from tsbench.core.streams import STDOUT, standard_streams
+from tsbench.core.text import did_you_mean
 
 # By section of --help: command, where it is, and its line there.
 SECTIONS = {
@@ -75,6 +76,8 @@ class LazyGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """The command, and the options that the folder's tsbench.toml gives it."""
+        if args and not args[0].startswith("-") and args[0] not in self._lazy:
+            ctx.fail(f"No such command '{args[0]}'{did_you_mean(args[0], self._lazy)}.")
         name, command, rest = super().resolve_command(ctx, args)
         if name is not None and command is not None and Path("tsbench.toml").is_file():
             from tsbench.cli.config import defaults_of, telling

@@ -50,8 +50,8 @@ def debug(
     against it is printed. Exit code 1 where the planner raises.
     """
     perceived = Perception(mask_signs, load_level(perception))
-    if run is not None:
-        if episode is None or planner or scenario or split or perceived != EXACTLY:
+    if run is not None and episode is not None:
+        if planner or scenario or split or perceived != EXACTLY:
             raise InputError("a run has its planner, plates and perception: name RUN and EPISODE alone")
         stored = read_run(run)
         name, _, scenario = episode.rpartition("/")
@@ -61,7 +61,7 @@ def debug(
             raise InputError(f"{run}: {episode}: name one of {names}")
         planner, split = found[0], str(stored.manifest["effective"]["split"])
         perceived, data = stored.perception, stored.data
-    elif planner is None or scenario is None:
+    elif run is not None or planner is None or scenario is None:
         raise InputError("name what to drive: RUN EPISODE, or --planner and --scenario")
     row = row_of(data, scenario, split)
     try:

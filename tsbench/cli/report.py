@@ -13,7 +13,8 @@ from tsbench.cli import options
 from tsbench.cli.console import bars, table_console
 from tsbench.core.errors import InputError
 from tsbench.metrics.aggregate import name_holes
-from tsbench.report.compare_runs import compare_runs, flips_csv, print_comparison
+from tsbench.report.analyses.analysis import print_analysis
+from tsbench.report.compare_runs import compare_runs, flips_csv, print_comparison, standing
 from tsbench.report.run_ending import GROUPINGS, failures_of, listing
 from tsbench.run.log.read import is_run, read_run
 
@@ -119,6 +120,7 @@ def compare(
     found = [compare_runs(run_a, run_b, force=force, allow_partial=allow_partial) for run_b in runs_b]
     for matched in found:
         print_comparison(matched, table_console(), flips)
+    print_analysis(standing(found), table_console())
     matched = found[0]
     if csv is not None:
         flips_csv(matched.comparison, csv)

@@ -65,7 +65,9 @@ def is_city_name(name: str) -> bool:
 def checked_city(name: str) -> str:
     """The name. Raises InputError for one that is no city's."""
     if not is_city_name(name):
-        raise InputError(f"{CITY} (--city) {name!r}: a city's name is of a-z, 0-9 and '-' (tsbench city list)")
+        raise InputError(
+            f"{CITY} (--city) {name!r}: a city's name is of a-z, 0-9 and '-'; there are {', '.join(city_names())}"
+        )
     return name
 
 

@@ -7,6 +7,7 @@ import io
 import re
 import unicodedata
 from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
 from typing import Any
 
 _ADDRESS = re.compile(r"0x[0-9a-fA-F]{6,}")
@@ -34,6 +35,11 @@ def one_line(text: str) -> str:
     Characters that are no plain text are written out, as in `\\x1b`.
     """
     return written_out(_ADDRESS.sub("0x…", " ".join(text.split()))[:_ERROR_CHARS])
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """What a misspelt word may stand for, to put behind it; "" where nothing is near."""
+    return "".join(f" (did you mean {name}?)" for name in get_close_matches(word, list(known), 1))
 
 
 def written_out(text: str) -> str:

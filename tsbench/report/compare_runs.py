@@ -14,21 +14,22 @@ from rich.text import Text
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.paths import OWN_CITY, data_file
-from tsbench.core.text import csv_text
+from tsbench.core.text import csv_text, did_you_mean
 from tsbench.episode.perception_level import EXACTLY
 from tsbench.metrics.aggregate import name_holes
 from tsbench.metrics.breakdown import Scores
 from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.paired_differences import Comparison, Difference, Flip, compare, shared_scenarios
 from tsbench.metrics.scd import NAMES, SCD_NOTE
-from tsbench.report.analyses.analysis import Analysis, Column, Kind, Table, print_analysis
+from tsbench.report.analyses.analysis import ALL, Analysis, Column, Kind, Row, Table, Value, print_analysis
 from tsbench.report.analyses.columns import READINGS_NOTE, difference_columns, difference_rows
 from tsbench.run.log.manifest import NAME, city_of, marks_of, plain_perception, planners_of
 from tsbench.run.log.read import StoredRun, is_run, read_run
 from tsbench.run.options import BOTH
 
-# What of a run's options chooses its scenarios, and what else may explain a difference.
+# What of a run's options chooses its scenarios, what else may explain a difference, and versions that contracts have.
 SELECTION = ("split", "types", "variants", "half", "limit", "scenarios")
+_VERSIONS = ("sumo", "numpy", "shapely")
 _EXPLAINS = (*plain_perception(EXACTLY), "device")
 
 
@@ -112,8 +113,8 @@ def find_side(text: str, beside: StoredRun | None = None) -> Side:
     kept = [read_run(path.parent) for path in sorted(data_file("results").glob(f"*/{NAME}"))]
     if runs := [run for run in kept if text in run.asked]:
         return Side(max(runs, key=lambda run: _likeness(run, beside)), text, kept=True)
-    there = ", ".join(sorted({name for run in kept for name in run.asked}))
-    results = f"; planners with kept results: {there}" if there else ""
+    there = sorted({name for run in kept for name in run.asked})
+    results = f"; planners with kept results{did_you_mean(text, there)}: {', '.join(there)}" if there else ""
     raise InputError(f"{text}: no run folder (expected RUN or RUN:planner, with RUN/run.json){results}")
 
 
@@ -161,9 +162,12 @@ def _contracts(a: StoredRun, b: StoredRun, force: bool) -> list[str]:
     if a.contract == b.contract:
         return []
     if not force:
+        x, y = (run.manifest.get("versions") or {} for run in (a, b))
+        other = ", ".join(f"{name} {x.get(name)} and {y.get(name)}" for name in _VERSIONS if x.get(name) != y.get(name))
         raise InputError(
-            f"{a.path} has contract {a.contract}, {b.path} has {b.contract}: rules, scenes or versions differ, "
-            "so their scores are not comparable; --force compares them all the same and says so"
+            f"{a.path} has contract {a.contract}, {b.path} has {b.contract}: rules, scenes or versions differ"
+            f"{f' ({other})' if other else ''}, so their scores are not comparable; --force compares them all the same "
+            "and says so"
         )
     return [f"FORCED, contracts differ (A {a.contract[:12]}, B {b.contract[:12]})"]
 
@@ -217,6 +221,29 @@ def print_comparison(matched: Matched, console: Console, most_flips: int) -> Non
         _print_flips(flips, won, console, most_flips)
     for name, side in (("A", matched.a), ("B", matched.b)):
         console.print(Text(f"{name} {side.run.rescored}", style="dim"), soft_wrap=True)
+
+
+def standing(found: Sequence[Matched]) -> Analysis:
+    """The sides of comparisons with one A on one screen: the primary figure of each, over all types and by group."""
+    panels = list(dict.fromkeys(name for m in found for name in _primary(m)[1]))
+    distinct = len({m.b.planner for m in found}) == len(found)
+    rows: dict[Row, None] = {}
+    for m in found:
+        a, b = (side.planner if distinct else side.label for side in (m.a, m.b))
+        part, figures = _primary(m)
+        one = [figures.get(name, Difference()) for name in panels]
+        rows[Row((f"A {a}", *(d.a for d in one)))] = None
+        rows[Row((f"B {b}", *(d.b for d in one)), starts=True)] = None
+        rows[Row((f"B-A, {NAMES[part]}", *(Value.difference(d) for d in one)))] = None
+    names = Column("planner", "%", Kind.TEXT), *(Column(name, name, signed=True) for name in panels)
+    warned = dict.fromkeys(warning for m in found for warning in m.warnings)
+    return Analysis("standing", "; ".join([*warned, "Where they stand"]), "", Table(names, tuple(rows), 1), ())
+
+
+def _primary(matched: Matched) -> tuple[str, dict[str, Difference]]:
+    """The first figure of SCD that the records have: its name, and by panel."""
+    part, scores = next(iter(matched.comparison.scores.items()))
+    return part, {name: figure.main for name, figure in scores.panels(ALL).items()}
 
 
 def comparison_analyses(matched: Matched) -> tuple[Analysis, ...]:

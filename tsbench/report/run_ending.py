@@ -165,7 +165,9 @@ def examples(run: StoredRun) -> Iterator[str]:
     for planner in planners:
         own = [failure for failure in found if failure.planner == planner]
         lines = _wrapped(counted(found, run, planner), (room + 1) // 2)
-        for cause, _ in Counter(failure.cause for failure in own).most_common(_MOST_CAUSES):
+        causes = [cause for cause, _ in Counter(failure.cause for failure in own).most_common()]
+        # A planner's exception comes first, however rare: it is no way of driving.
+        for cause in sorted(causes, key="error".__ne__)[:_MOST_CAUSES]:
             first = next(failure for failure in own if failure.cause == cause)
             shown = f"{first.scenario_id}: {first.sentence}" if cause == "error" else shlex.quote(first.name)
             lines += _wrapped(f"  {cause}  {shown}", room - len(lines))

@@ -65,7 +65,9 @@ def under_other_sign(scene: Scene, other: Scene, snapshots: Sequence[WorldSnapsh
     found = verdicts_of_other_half(other, scene.network, snapshots)
     against = counted_against(found.target, found.needless, found.wrong_way)
     said = readable(against[0].sentence) if against else "no violation."
-    return f"With the other half's plates, {sign_name(other)}, the same drive has: {said}"
+    name = sign_name(other)
+    told = "the same sign with others around it" if name == sign_name(scene) else name
+    return f"With the other half's plates, {told}, the same drive has: {said}"
 
 
 def judged_stretch(scene: Scene, at: WorldSnapshot) -> str:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Container, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from itertools import zip_longest
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
 from tsbench.core.errors import InputError
+from tsbench.core.text import did_you_mean
 from tsbench.run.options import BOTH, DRAWN, VARIANTS, WHICH_HALVES, RunOptions
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import known_map_ids
@@ -71,9 +71,8 @@ def choose_types(catalog: Catalog, asked: Sequence[str], option: str = "--types"
     for word in asked:
         if word not in known:
             groups = sorted({kind.group for kind in types})
-            near = "".join(f" (did you mean {name}?)" for name in get_close_matches(word, known, 1))
             raise InputError(
-                f"{option} {word}: no such type or group{near}: groups are {', '.join(groups)}; "
+                f"{option} {word}: no such type or group{did_you_mean(word, known)}: groups are {', '.join(groups)}; "
                 f"types are {', '.join(kind.id for kind in types)}"
             )
     return tuple(kind.id for kind in types if not asked or kind.id in asked or kind.group in asked)

@@ -90,6 +90,15 @@ def test_it_opens_from_disk_and_names_are_text(chromium: Browser, report: Path) 
         assert "over_limit" in page.inner_text("#episode-table tbody tr:first-child")
 
 
+def test_what_happened_is_read_without_scrolling(chromium: Browser, report: Path) -> None:
+    with opened(chromium, report.as_uri(), size=(1400, 900)) as page:
+        shown = page.locator("#episode-table th[data-name='told']").bounding_box()
+        around = page.locator("#episode-table").bounding_box()
+        assert shown is not None
+        assert around is not None
+        assert shown["x"] + shown["width"] <= around["x"] + around["width"]
+
+
 # Of all texts of charts that are shown: the least height, px, and the greatest right end.
 TEXTS = """() => {
   const texts = [...document.querySelectorAll("figure svg text")];

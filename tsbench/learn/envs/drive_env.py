@@ -21,7 +21,7 @@ from gymnasium import spaces
 from gymnasium.vector import AsyncVectorEnv
 from gymnasium.wrappers import TimeLimit
 
-from tsbench.core.errors import InputError, SimulationError
+from tsbench.core.errors import InputError, SimulationError, load
 from tsbench.core.paths import expanded_text
 from tsbench.core.typed import typed
 from tsbench.episode.episode import Episode, Judged
@@ -221,9 +221,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
     def _drawn(self) -> View:
         """Made for the first picture: without pictures it costs nothing, nor needs the extra `report`."""
         if self._view is None:
-            from tsbench.learn.envs.view import View
-
-            self._view = View(self.episode.context)
+            self._view = load("tsbench.learn.envs.view").View(self.episode.context)
         return self._view
 
     @keywords()

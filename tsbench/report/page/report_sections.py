@@ -15,6 +15,7 @@ from tsbench.report.analyses.traffic_calibration import traffic
 from tsbench.report.charts import inline_svg
 from tsbench.report.page.page_format import pack_table, page_column
 from tsbench.report.run_ending import citation, counted, failures_of, primary
+from tsbench.report.wording import readable
 from tsbench.scenarios.spec import pair_type
 
 Section = dict[str, Any]
@@ -152,10 +153,10 @@ _COLUMNS = (
     page_column("outcome", "outcome", filter="choice"),
     page_column("sign_compliant", "obeyed", "flag", filter="choice", marks=_YES, title=_OBEYED),
     page_column("scd", "SCD", "flag", filter="choice", marks=_YES, title="obeyed the sign and arrived"),
+    page_column("told", "what happened", minor=True, wide=True),
     page_column("violation_clause", "clause", filter="choice"),
     page_column("measured", "measured", title="first violation: value / threshold"),
     page_column("violation_time_s", "at", "number", unit="s", minor=True),
-    page_column("told", "what happened", minor=True, wide=True),
     page_column("driving_score", "DS", "number", unit="%", minor=True),
     page_column("scenario_id", "scenario", filter="text"),
     page_column("map_id", "map", filter="text", minor=True),
@@ -172,7 +173,8 @@ def episodes_table(index: EpisodeIndex, playable: Collection[int]) -> bytes:
     stories = [index.stories.get(index.key(k)) for k in range(len(index))]
     values["measured"] = ["" if s is None else f"{s['value']:.4g} / {s['threshold']:.4g} {s['unit']}" for s in stories]
     values["told"] = [
-        error or "" if s is None else s["sentence"] for s, error in zip(stories, index.columns["error"], strict=True)
+        error or "" if s is None else readable(s["sentence"])
+        for s, error in zip(stories, index.columns["error"], strict=True)
     ]
     values["violation_clause"] = [clause or "" for clause in values["violation_clause"]]
     values["scenario_type"] = list(map(pair_type, index.columns["pair_id"], index.columns["scenario_type"]))
