@@ -154,7 +154,7 @@ static void connect_line(const char *place) {
 int main(void) {
     if (getenv("TSBENCH_LINE")) connect_line(getenv("TSBENCH_LINE"));
     const char hello[] =
-        "\x84\xa4kind\xa5hello\xa8protocol\x04\xa4name\xac" "follow_route\xabsign_access\xc2";
+        "\x84\xa4kind\xa5hello\xa8protocol\x05\xa4name\xac" "follow_route\xabsign_access\xc2";
     send_message(hello, sizeof hello - 1);
     for (;;) {
         uint32_t size;

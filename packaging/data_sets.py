@@ -24,6 +24,8 @@ SETS = {
             "scenarios/scenes/dev/*",
             "scenarios/test.parquet",
             "scenarios/scenes/test/*",
+            "scenarios/two-signs.parquet",
+            "scenarios/scenes/two-signs/*",
             "scenarios/certificates.parquet",
             "scenarios/build_report.json",
             "scenarios/editions.yaml",

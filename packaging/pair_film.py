@@ -109,7 +109,7 @@ def _around(scene: Scene, traces: Sequence[Sequence[Trace]]) -> Array:
     snapshots = [snapshot for row in traces for trace in row for snapshot in trace.snapshots]
     egos = np.array([(snapshot.ego.x, snapshot.ego.y) for snapshot in snapshots])
     others = [snapshot.actors.pose[:, :2] for snapshot in snapshots]
-    post = np.array((scene.target_sign.x, scene.target_sign.y))
+    post = np.array((scene.target_signs[0].x, scene.target_signs[0].y))
     found = np.vstack((post, egos, *others))
     near: Array = found[np.hypot(*(found - post).T) <= _NEAR_M]
     return near
@@ -145,7 +145,7 @@ def _title(bar: Image, driven: Sequence[Trace], tick: int) -> None:
 def _verdict(trace: Trace, tick: int) -> tuple[str, Colour, Colour]:
     """What can be said of an episode at a tick, its ground and its ink; "" where it is too early."""
     begun = [event for event in trace.against if event.start_s <= tick * DT_S + 1e-6]
-    if begun and begun[0] in trace.needless:
+    if begun and begun[0] in trace.verdicts.needless:
         return "needless", STYLE.plate_line, STYLE.panel
     if begun:
         return "violated", STYLE.violation, STYLE.ink

@@ -58,7 +58,7 @@ class Copies:
         for way in WAYS:
             other = way(context)
             assert other.destination == context.destination
-            assert other.privilege.rule == context.privilege.rule
+            assert other.privilege.signs == context.privilege.signs
             edges = list(context.network.edges)
             routes = [(a, b) for a in edges for b in edges]
             assert [other.graph.route(*r) for r in routes] == [context.graph.route(*r) for r in routes]

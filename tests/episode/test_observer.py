@@ -30,7 +30,7 @@ class Watch:
 
     def target_from(self, ahead: float) -> SignView:
         """The target as it is told to an ego so many metres before its face; behind it where that is negative."""
-        sign = self.scene.target_sign
+        sign = self.scene.target_signs[0]
         cos, sin = math.cos(sign.heading), math.sin(sign.heading)
         x, y = sign.x - ahead * cos, sign.y - ahead * sin
         ego = EgoState(x, y, sign.heading, 5.0, 0.0, 0.0, 0.0, -1, 0.0, 0.0, True)
@@ -44,7 +44,7 @@ class Watch:
 
 def test_from_behind_only_the_outline_is_told() -> None:
     watch = Watch("stop")
-    sign, seen = watch.scene.target_sign, watch.target_from(-20.0)
+    sign, seen = watch.scene.target_signs[0], watch.target_from(-20.0)
     assert (seen.code, seen.value, seen.lane, seen.main_road, seen.outline) == ("", None, -1, (), "octagon")
     assert (seen.heading, seen.distance) == (sign.heading, pytest.approx(20.0))
     assert seen.edge
@@ -55,7 +55,7 @@ def test_what_has_faced_the_ego_stays_read() -> None:
     watch = Watch("speed_limit")
     assert watch.target_from(-10.0).code == ""
     front = watch.target_from(60.0)
-    assert (front.code, front.value) == ("3.24", watch.scene.target_sign.value)
+    assert (front.code, front.value) == ("3.24", watch.scene.target_signs[0].value)
     assert (front.outline, front.main_road) == ("circle", ())
     passed = watch.target_from(-10.0)
     assert (passed.code, passed.value) == (front.code, front.value)

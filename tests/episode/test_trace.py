@@ -21,6 +21,7 @@ from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Contact, EpisodeFacts, Outcome
 from tsbench.episode.trace import read_trace, trace_path, write_trace
 from tsbench.roads.planner_map import build_planner_map
+from tsbench.rules.monitor import Verdicts
 
 
 def an_episode(n: int = 50) -> EpisodeFacts:
@@ -34,12 +35,12 @@ def an_episode(n: int = 50) -> EpisodeFacts:
         made.Track("car.1", made.straight(n, 40.0, 1.6, np.pi, 9.0)),
         made.Track("bus.0", late, made.ActorKind.BUS, (12.0, 2.5)),
     ]
-    facts = made.facts(
+    return made.facts(
         egos, tracks, outcome=Outcome.COLLISION, contact=Contact(n - 1, "vehicle", "bus.0", True),
         target=made.verdict(made.violation(other="bus.0"), made.violation(9.5), steps=21),
         others=(made.verdict(engaged=False),),
+        needless=(made.violation(4.0, rule="needless", clause="needless_stop"),),
     )  # fmt: skip
-    return replace(facts, needless=(made.violation(4.0, rule="needless", clause="needless_stop"),))
 
 
 def test_a_trace_comes_back_bit_for_bit(tmp_path: Path) -> None:
@@ -53,8 +54,7 @@ def test_a_trace_comes_back_bit_for_bit(tmp_path: Path) -> None:
     assert repr(trace.spec) == repr(result.spec)  # repr, for the row holds a NaN
     assert (trace.planner, trace.outcome, trace.error) == ("idm", Outcome.COLLISION, "none")
     assert trace.contact == episode.contact
-    assert (trace.target, trace.others) == (episode.target, episode.others)
-    assert trace.needless == episode.needless
+    assert trace.verdicts == episode.verdicts
     assert [event.start_s for event in trace.against] == [3.1, 4.0, 9.5]
     assert trace.start_remaining_m == episode.start_remaining_m
     assert [p.name for p in path.parent.iterdir()] == [path.name]
@@ -84,8 +84,7 @@ def test_the_facts_are_found_again(tmp_path: Path) -> None:
     assert (again.route.s, again.route.d, again.route.remaining) == (
         episode.route.s, episode.route.d, episode.route.remaining,
     )  # fmt: skip
-    assert (again.outcome, again.contact, again.target) == (episode.outcome, episode.contact, episode.target)
-    assert again.needless == episode.needless
+    assert (again.outcome, again.contact, again.verdicts) == (episode.outcome, episode.contact, episode.verdicts)
 
 
 def test_the_same_episode_gives_the_same_bytes(tmp_path: Path) -> None:
@@ -117,13 +116,13 @@ def test_every_float_survives(tmp_path_factory: pytest.TempPathFactory, numbers:
     base = an_episode(2)
     odd = made.ego(*numbers[:4], acceleration=numbers[4], steering=numbers[5], yaw_rate=numbers[6], lane=lane,
                    s=numbers[7], d=numbers[8])  # fmt: skip
-    target = made.verdict(made.violation(value=numbers[10]))
-    episode = replace(base, snapshots=made.snapshots([odd]), start_remaining_m=numbers[9], target=target)
+    verdicts = Verdicts((made.verdict(made.violation(value=numbers[10])),))
+    episode = replace(base, snapshots=made.snapshots([odd]), start_remaining_m=numbers[9], verdicts=verdicts)
     write_trace(path, made.result(episode))
     trace = read_trace(path)
     assert repr(trace.snapshots[0].ego) == repr(odd)
     assert repr(trace.start_remaining_m) == repr(numbers[9])
-    assert trace.target == episode.target
+    assert trace.verdicts == episode.verdicts
 
 
 @pytest.mark.parametrize("share", [0.0, 0.001, 0.3, 0.7, 0.999])
@@ -191,7 +190,7 @@ def test_a_trace_from_before_contrast_scenes(tmp_path: Path) -> None:
     path = tmp_path / "t.parquet"
     write_trace(path, made.result(an_episode()))
     edited(path, lambda head: head.pop("needless"))
-    assert read_trace(path).needless == ()
+    assert read_trace(path).verdicts.needless == ()
 
 
 def test_names_make_safe_files(tmp_path: Path) -> None:

@@ -88,12 +88,13 @@ def assert_same_world(a: WorldSnapshot, b: WorldSnapshot, walked: bool) -> None:
 
 
 def evidence(facts: EpisodeFacts) -> list[Violation]:
-    return [e for verdict in (facts.target, *facts.others) for e in verdict.violations] + [*facts.needless]
+    said = facts.verdicts
+    return [e for verdict in (*said.targets, *said.others) for e in verdict.violations] + [*said.needless]
 
 
 def assert_same_evidence(a: EpisodeFacts, b: EpisodeFacts) -> None:
     signs = load_catalog().signs
-    assert (a.target.engaged, len(evidence(a))) == (b.target.engaged, len(evidence(b)))
+    assert (a.verdicts.engaged, len(evidence(a))) == (b.verdicts.engaged, len(evidence(b)))
     for one, other in zip(evidence(a), evidence(b), strict=True):
         assert other.sign_code == mirrored_code(signs, one.sign_code)
         # A turn's value has a sign: left is positive.

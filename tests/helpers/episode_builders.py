@@ -13,7 +13,7 @@ from tsbench.episode.outcome import Contact, EpisodeFacts, EpisodeResult, Outcom
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.roads.lane_graph import Destination, LaneGraph
 from tsbench.roads.network import Edge, Lane, RoadNetwork
-from tsbench.rules.monitor import Verdict, Violation
+from tsbench.rules.monitor import Verdict, Verdicts, Violation
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.annotations import ALL_LANES, SignInstance
 from tsbench.signs.catalog import load_catalog
@@ -50,7 +50,7 @@ def sign() -> SignInstance:
 def scene(obstacles: tuple[Obstacle, ...] = (), destination_m: float = 400.0) -> Scene:
     return Scene(
         net=SceneFile(Path("net.xml"), b""), additional=SceneFile(Path("scene.xml"), b""), network=road(),
-        signs=(sign(),), target="plate", obstacles=obstacles, start=EgoStart("east_0", 10.0, 5.0),
+        signs=(sign(),), targets=("plate",), obstacles=obstacles, start=EgoStart("east_0", 10.0, 5.0),
         destination=Destination("east", destination_m), convoy=None, horizon=600, seed=7,
         route_hint=("east",), catalog=load_catalog(),
     )  # fmt: skip
@@ -131,6 +131,8 @@ def facts(
     contact: Contact | None = None,
     target: Verdict | None = None,
     others: tuple[Verdict, ...] = (),
+    needless: tuple[Violation, ...] = (),
+    wrong_way: tuple[Violation, ...] = (),
     world: Scene | None = None,
 ) -> EpisodeFacts:
     world = world or scene()
@@ -138,7 +140,8 @@ def facts(
     views: list[RouteView] = [navigator.update(e) for e in egos]
     return EpisodeFacts(
         scene=world, snapshots=snapshots(egos, tracks), route=views[-1], start_remaining_m=views[0].remaining,
-        outcome=outcome, contact=contact, target=target or verdict(), others=others,
+        outcome=outcome, contact=contact,
+        verdicts=Verdicts((target or verdict(),), others, needless, wrong_way),
     )  # fmt: skip
 
 

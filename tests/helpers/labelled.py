@@ -152,7 +152,8 @@ def scene_of(case: Spec, view: Transform) -> Scene:
         signs[0] = replace(signs[0], code=case["mirrored"])
     return Scene(
         net=SceneFile(Path("case.net.xml"), b""), additional=SceneFile(Path("case.add.xml"), b""),
-        network=view.network(net), signs=tuple(view.sign(s) for s in signs), target=signs[0].id,
+        network=view.network(net), signs=tuple(view.sign(s) for s in signs),
+        targets=tuple(sign.id for sign in signs[: case.get("targets", 1)]),
         obstacles=tuple(view.obstacle(_obstacle(o, net)) for o in case.get("obstacles", [])),
         start=EgoStart(net.lanes[0].id, 0.0, 0.0), destination=Destination(net.lanes[0].edge, 0.0),
         convoy=None, horizon=600, seed=0, contrast=clauses, catalog=load_catalog(),
@@ -232,7 +233,7 @@ class Judgement:
 def judge(played: Play) -> Judgement:
     """What a case's monitor makes of it. Never kept: a changed rule must show."""
     monitors = make_monitors(played.scene)
-    monitor = monitors.needless[0] if monitors.needless else monitors.target
+    monitor = monitors.needless[0] if monitors.needless else monitors.targets[0]
     if "watches" in played.case:
         monitor = getattr(monitors, played.case["watches"])
     completed_at = None

@@ -72,6 +72,7 @@ class World:
     obstacles: tuple[Obstacle, ...] = ()
     signs: tuple[SignView, ...] = ()
     target: SignInstance | None = None
+    more_targets: tuple[SignInstance, ...] = ()
     time: float = 0.0
     states: list[EgoState] = field(default_factory=list)
     offsets: list[float] = field(default_factory=list)
@@ -101,7 +102,7 @@ class World:
         motion = Motion(x, y, lane.line.heading_at(self.start_s), self.start_speed)
         told = None
         if self.target is not None:
-            told = Privilege(self.target, load_catalog(), self.network, view)
+            told = Privilege((self.target, *self.more_targets), load_catalog(), self.network, view)
         planner.reset(PlannerContext(1, view.map, view.graph, destination, DT_S, told))
         last = lane.index
         for step in range(round(seconds / DT_S)):
@@ -223,7 +224,7 @@ def verdict(world: World) -> Verdict:
     assert sign is not None
     scene = Scene(
         net=SceneFile(Path("test.net.xml"), b""), additional=SceneFile(Path("test.add.xml"), b""),
-        network=world.network, signs=(sign,), target=sign.id, obstacles=world.obstacles,
+        network=world.network, signs=(sign,), targets=(sign.id,), obstacles=world.obstacles,
         start=EgoStart(world.start_lane, world.start_s, world.start_speed), destination=world.destination,
         horizon=600, seed=1, catalog=load_catalog(),
     )  # fmt: skip

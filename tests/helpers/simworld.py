@@ -151,7 +151,7 @@ class SceneMaker:
     ) -> ScenarioSpec:  # fmt: skip
         """A scene as the builder writes one. convoy_at: lane, fronts and route of the convoy's vehicles."""
         network = self.network
-        layout = SceneLayout((sign,), sign.id, tuple(obstacles), start, destination, convoy, tuple(route), ())
+        layout = SceneLayout((sign,), (sign.id,), tuple(obstacles), start, destination, convoy, tuple(route), ())
         elements = layout_elements(layout, network) + obstacle_elements(obstacles, network)
         elements += driver_types(drivers) + ego_elements(start, network, route)
         if convoy_at is not None:

@@ -66,7 +66,7 @@ def test_a_violation_is_told_by_its_first_event() -> None:
 
 def test_needless_obedience_is_no_pass_and_no_violation_of_the_sign() -> None:
     needless = (made.violation(2.0), made.violation(5.0))
-    facts = replace(made.facts(driving(391), outcome=Outcome.ARRIVED), needless=needless)
+    facts = made.facts(driving(391), outcome=Outcome.ARRIVED, needless=needless)
     m = episode_metrics(facts)
     assert (m.sign_compliant, m.destination, m.scd) == (True, True, False)
     assert (m.needless, m.violations, m.all_violations) == (2, 0, 0)
@@ -125,10 +125,8 @@ def test_standing_with_a_reason_is_not_stuck() -> None:
 
 
 def test_the_wrong_way_is_no_pass_and_no_violation_of_the_sign() -> None:
-    facts = replace(
-        made.facts(driving(391), outcome=Outcome.ARRIVED),
-        wrong_way=(made.violation(5.0),),
-        needless=(made.violation(7.0),),
+    facts = made.facts(
+        driving(391), outcome=Outcome.ARRIVED, wrong_way=(made.violation(5.0),), needless=(made.violation(7.0),)
     )
     m = episode_metrics(facts)
     assert (m.scd, m.sign_compliant, m.wrong_way) == (False, True, True)

@@ -43,6 +43,22 @@ def test_a_pair_is_passed_where_both_halves_are() -> None:
     assert p.metrics["driving_score"].main.n == 8
 
 
+def test_a_square_is_passed_where_both_its_pairs_are() -> None:
+    """Reading one sign of two passes one pair, or one half of each."""
+    told = [(True, True, True, True), (True, True, False, False), (True, False, True, False), (True, True, True, False)]
+    rows = []
+    for k, (a, b, c, d) in enumerate(told):
+        second = [
+            r | {name: r[name].replace(r["pair_id"], f"{r['pair_id']}b") for name in ("scenario_id", "pair_id")}
+            for r in pair(c, d, map_id=f"m{k}")
+        ]
+        rows += [*pair(a, b, map_id=f"m{k}"), *second]
+    p = only(rows)
+    assert list(p.scores) == ["squared_scd", "paired_scd", "signed_scd", "contrast_scd"]
+    assert scd(p, "squared_scd") == (25.0, 4)
+    assert scd(p, "paired_scd") == (50.0, 8)
+
+
 def test_what_passes_one_half_only_has_no_paired_scd() -> None:
     rows = [r for k in range(8) for r in pair(True, False, map_id=f"m{k}")]
     p = only(rows)

@@ -63,7 +63,7 @@ def looks_of(loader: SceneLoader, row: ScenarioSpec) -> Iterator[Look]:
     planner, episode = Idm(), Episode(row, simulation=simulation(), loader=loader)
     context = episode.context
     planner.reset(context)
-    target = episode.scene.target_sign
+    target = episode.scene.target_signs[0]
     for tick in range(TICKS.stop):
         if episode.result is not None:
             return
@@ -74,7 +74,7 @@ def looks_of(loader: SceneLoader, row: ScenarioSpec) -> Iterator[Look]:
                 row.scenario_id, sign, load_catalog().sign(sign.code).placement.reference,
                 sign.edge in o.route.path.edges, sign_ahead(o, sign), line_ahead(context, o, sign),
                 _place(context, o, sign),
-                judged(episode.monitors.target, episode.snapshots[-1].ego) if own else None,
+                judged(episode.monitors.targets[0], episode.snapshots[-1].ego) if own else None,
             )  # fmt: skip
         episode.step(planner.act(o))
 

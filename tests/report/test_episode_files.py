@@ -82,7 +82,7 @@ def test_a_selection_is_what_holds_all_of_it(run: Path) -> None:
 
 def copy_spec(trace: Trace, scene: Scene, path: Path) -> None:
     """A maker for worker processes: text instead of a film."""
-    assert scene.target_sign.code == trace.spec.sign_code
+    assert scene.target_signs[0].code == trace.spec.sign_code
     with replacing(path) as part:
         part.write_text(f"{os.getpid()} {len(trace.snapshots)}")
 

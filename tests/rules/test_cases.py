@@ -39,7 +39,7 @@ def test_case_has_the_expected_verdict_here_and_elsewhere(path: Path) -> None:
     judged, expect = judge(played), played.case["expect"]
     verdict, steps = judged.verdict, set[int]()
     assert [v.clause for v in verdict.violations] == [e["clause"] for e in expect["events"]], verdict
-    assert verdict.sign_id == played.scene.target
+    assert verdict.sign_id == played.scene.targets[0]
     assert verdict.engaged == expect["engaged"]
     assert verdict.compliant == (not expect["events"])
     for event, wanted in zip(verdict.violations, expect["events"], strict=True):
@@ -67,7 +67,7 @@ def test_case_has_the_expected_verdict_here_and_elsewhere(path: Path) -> None:
 
 def _check_evidence(event: Violation, played: Play, rule: str) -> None:
     """What an event says of itself follows from the plate, the clause and the tick at which it starts."""
-    sign, ego = played.scene.target_sign, played.ticks[round(event.start_s / DT_S)].ego
+    sign, ego = played.scene.target_signs[0], played.ticks[round(event.start_s / DT_S)].ego
     catalog = load_catalog()
     of_no_plate = {"wrong_way": catalog.wrong_way} | dict.fromkeys(NEEDLESS, catalog.needless)
     kind = of_no_plate.get(rule) or catalog.rule(rule)

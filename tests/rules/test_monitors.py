@@ -88,7 +88,7 @@ def _run(monitor: Monitor, ticks: list[WorldSnapshot]) -> Verdict:
 def test_same_ticks_give_the_same_verdict(rule: str) -> None:
     scene = _scene(rule)
     for seed in range(4):
-        first, second = (_run(make_monitors(scene).target, _random_ticks(rule, seed)) for _ in range(2))
+        first, second = (_run(make_monitors(scene).targets[0], _random_ticks(rule, seed)) for _ in range(2))
         assert first == second
 
 
@@ -96,7 +96,7 @@ def test_same_ticks_give_the_same_verdict(rule: str) -> None:
 @pytest.mark.parametrize("field", ["x", "y", "heading", "speed"])
 def test_an_ego_that_is_nowhere_is_an_error(rule: str, field: str) -> None:
     scene = _scene(rule)
-    monitor = make_monitors(scene).target
+    monitor = make_monitors(scene).targets[0]
     tick = _random_ticks(rule, 1, 1)[0]
     for value in (float("nan"), float("inf")):
         nowhere = replace(tick, ego=replace(tick.ego))
@@ -109,13 +109,13 @@ def test_an_ego_that_is_nowhere_is_an_error(rule: str, field: str) -> None:
 def _refusal(scene: Scene) -> str:
     """What the catalogue's monitors say against a scene's target."""
     with pytest.raises(InputError) as refusal:
-        make_monitor(scene.target_sign, scene)
+        make_monitor(scene.target_signs[0], scene)
     return str(refusal.value)
 
 
 def _with(scene: Scene, **changes: object) -> Scene:
     """The scene with another target plate; `params`, as texts, are put in the place of those that it has."""
-    target, params = scene.target_sign, cast(dict[str, str], changes.pop("params", {}))
+    target, params = scene.target_signs[0], cast(dict[str, str], changes.pop("params", {}))
     if target.params is not None:
         changes["params"] = read_params(type(target.params), {**target.params.texts(), **params})
     wrong = replace(target, **changes)  # type: ignore[arg-type]
@@ -126,8 +126,8 @@ def _with(scene: Scene, **changes: object) -> Scene:
 def test_a_plate_without_its_params_is_named(rule: str) -> None:
     scene, kind = _scene(rule), RULE_KINDS[rule].params
     assert kind is not None
-    bare = replace(scene, signs=(replace(scene.target_sign, params=None), *scene.signs[1:]))
-    assert _refusal(bare) == f"sign 'sign0' ({scene.target_sign.code}): carries no {kind.__name__}: None"
+    bare = replace(scene, signs=(replace(scene.target_signs[0], params=None), *scene.signs[1:]))
+    assert _refusal(bare) == f"sign 'sign0' ({scene.target_signs[0].code}): carries no {kind.__name__}: None"
 
 
 @pytest.mark.parametrize(
@@ -178,7 +178,7 @@ def test_an_approach_that_leads_nowhere_is_named() -> None:
 
 def test_context_plates_are_watched_where_they_bind_the_ego() -> None:
     scene = _scene("speed")
-    own = scene.target_sign
+    own = scene.target_signs[0]
     binding = replace(own, id="second", role="context", position_m=100.0)
     scenery = replace(own, id="third", role="context", code="2.1", value=None, params=None)
     others = make_monitors(replace(scene, signs=(*scene.signs, binding, scenery))).others
@@ -198,9 +198,9 @@ def test_a_drive_has_the_same_verdict_in_either_numbering_of_lanes(kind: str) ->
     facts = runner.run(halves["signed"]).facts
     assert facts is not None
     here = verdicts_of_other_half(scenes["signed"], scenes["signed"].network, facts.snapshots)
-    assert (here.target, here.others, here.needless) == (facts.target, facts.others, facts.needless)
+    assert here == facts.verdicts
     there = verdicts_of_other_half(scenes["contrast"], scenes["signed"].network, facts.snapshots)
-    assert there.wrong_way == facts.wrong_way == ()
-    assert not facts.target.compliant
-    assert there.target.compliant
+    assert there.wrong_way == facts.verdicts.wrong_way == ()
+    assert not facts.verdicts.compliant
+    assert there.compliant
     runner.close()

@@ -93,3 +93,23 @@ def test_a_passage_that_is_none_is_refused() -> None:
 
 def test_the_speed_of_a_bend_is_that_of_the_nearest_metre() -> None:
     assert [at_metre([9.0, 7.0, 8.0], s) for s in (-4.0, 0.4, 0.6, 2.4, 99.0)] == [9.0, 9.0, 7.0, 8.0, 8.0]
+
+
+@pytest.mark.parametrize("limited", [True, False])
+def test_a_limit_of_another_sign_is_a_reason_to_be_slow(limited: bool) -> None:
+    limit = {
+        "code": "3.24", "value": 20, "edge": "w_in", "position_m": 20, "role": "target",
+        "params": {"zone_edges": "w_in"},
+    }  # fmt: skip
+    case = {
+        "net": "t", "targets": 2, "contrast": {"needless_yield": _PASSAGE},
+        "signs": [{"code": "2.1", "edge": "w_in", "position_m": 85}, limit][: 1 + limited],
+        "ego": {"path": ["w_in_0", "e_out_0"], "start": 4.0, "speed": [[4.0, 9.0, 5.5], [14.0, 5.5, 5.5]]},
+    }  # fmt: skip
+    scene = scene_of(case, HERE)
+    monitors = make_monitors(scene)
+    for tick in snapshots(case, HERE, scene.network):
+        monitors.update(tick)
+    verdicts = monitors.finish()
+    assert bool(verdicts.needless) is not limited
+    assert [v.sign_id for v in verdicts.targets] == ["sign0", "sign1"][: 1 + limited]

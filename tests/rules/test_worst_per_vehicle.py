@@ -12,7 +12,7 @@ TICKS = PLAYED.ticks
 
 
 def test_of_each_road_user_the_gravest_clause_is_an_event_with_its_own_ticks_and_worst_value() -> None:
-    log = EventLog(PLAYED.scene.target_sign, load_catalog().rule("give_way"))
+    log = EventLog(PLAYED.scene.target_signs[0], load_catalog().rule("give_way"))
     found = WorstPerVehicle(log, ("contact", "forced_braking", "entered_while_blocked"))
     found.note(0, "entered_while_blocked", TICKS[3], 2.0, 4.0)
     for step, value in ((5, 3.0), (6, 4.5), (8, 2.6)):

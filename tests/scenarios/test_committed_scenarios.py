@@ -12,7 +12,7 @@ import pytest
 from simworld import simulation
 
 from tsbench.cli.train import plates_of
-from tsbench.core.benchmark import MAPS, VARIANTS_OF
+from tsbench.core.benchmark import MAPS, TWO_SIGNS, VARIANTS_OF, places_of_split
 from tsbench.core.seeds import seed_of
 from tsbench.make.city import load_city
 from tsbench.make.scenes import verify
@@ -33,6 +33,7 @@ from tsbench.sim.ego import Motion
 
 CATALOG = load_catalog()
 TYPES = tuple(t.id for t in CATALOG.types)
+COMBINED = tuple(t.id for t in CATALOG.combined)
 SCENARIOS = Path(__file__).resolve().parents[2] / "scenarios"
 EDITIONS = DataSet().editions()
 # Pairs whose plates differ, by type; of train, the first variant of each map.
@@ -101,10 +102,13 @@ def test_every_type_its_maps_and_variants(rows: list[ScenarioSpec]) -> None:
     for split in EDITIONS:
         variants: dict[tuple[str, str], list[int]] = defaultdict(list)
         for r in signed(split):
-            variants[(r.pair_type, r.map_id)].append(r.variant)
+            if r.scenario_id == r.pair_name:
+                variants[(r.pair_type, r.map_id)].append(r.variant)
         assert all(sorted(v) == list(range(VARIANTS_OF[split])) for v in variants.values())
         maps = Counter(type_id for type_id, _ in variants)
-        if split in MOST_SHORT:
+        if split == TWO_SIGNS:
+            assert maps == dict.fromkeys(COMBINED, MAPS[split])
+        elif split in MOST_SHORT:
             assert maps == {type_id: MAPS[split] - short[split, type_id] for type_id in TYPES}
             assert sum(short[split, type_id] for type_id in TYPES) <= MOST_SHORT[split]
         else:
@@ -116,7 +120,7 @@ def test_every_row_of_a_paired_type_has_its_other_half(
     rows: list[ScenarioSpec], proofs: dict[str, Certificate], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """But for the types without pairs."""
-    paired = {t for t in TYPES if load_recipe(t, CATALOG).paired}
+    paired = {t for t in (*TYPES, *COMBINED) if load_recipe(t, CATALOG).paired}
     for split in EDITIONS:
         for r in signed(split):
             assert r.pair_id == (r.scenario_id if r.pair_type in paired else ""), r
@@ -154,12 +158,12 @@ def test_every_row_has_its_certificate(rows: list[ScenarioSpec], proofs: dict[st
 
 
 def test_every_row_is_what_its_name_makes_it(rows: list[ScenarioSpec], proofs: dict[str, Certificate]) -> None:
-    horizons = {t: load_recipe(t, CATALOG).horizon for t in TYPES}
+    horizons = {t: load_recipe(t, CATALOG).horizon for t in (*TYPES, *COMBINED)}
     variants_on = cache(variants_of)
     for r in rows:
         kind = CATALOG.type(r.scenario_type)
         assert r.pair_name == f"{r.pair_type}-{r.map_id}-v{r.variant}"
-        assert r.scenario_id == r.pair_name + ("-c" if r.half == CONTRAST else "")
+        assert r.scenario_id == (r.pair_id or r.pair_name) + ("-c" if r.half == CONTRAST else "")
         assert r.seed == seed_of("scenario", f"{r.pair_name}~{proofs[r.scenario_id].attempt}")
         assert r.group == kind.group
         if EDITIONS[r.split] == editions()[-1].name:
@@ -180,7 +184,7 @@ def test_no_place_is_in_two_splits(rows: list[ScenarioSpec]) -> None:
 
 def test_the_split_is_that_of_the_pool(rows: list[ScenarioSpec], pool: dict[str, PoolRow]) -> None:
     split = split_pool(list(pool.values()), load_city("moscow").split)
-    assert not {(r.split, r.map_id) for r in rows if split[r.map_id] != r.split}
+    assert not {(r.split, r.map_id) for r in rows if split[r.map_id] != places_of_split(r.split)}
     share = Counter(split.values())
     assert share["test"] / (share["test"] + share["train"]) == pytest.approx(0.2, abs=0.05)
     assert min(share["dev"], share["holdout"]) > 500
@@ -224,7 +228,7 @@ def test_realised_density(rows: list[ScenarioSpec], proofs: dict[str, Certificat
     ratios = np.array([c.realised_density / c.asked_density for c in dense])
     # Where the only road in the ego's direction is closed to others, there is none.
     bare = {r.pair_type for r in rows if r.variant > 0 and not r.density}
-    assert bare <= {"detour_left", "detour_right", "min_speed"}
+    assert bare <= {"detour_left", "detour_right", "min_speed", "limit_and_detour"}
     assert np.abs(ratios - 1.0).max() <= 0.25 + 1e-3
     assert abs(float(ratios.mean()) - 1.0) < 0.07
 
@@ -244,7 +248,7 @@ def test_every_file_is_there_and_no_other(rows: list[ScenarioSpec]) -> None:
 def sample(rows: list[ScenarioSpec]) -> list[ScenarioSpec]:
     """Every 197th row: all types and variants are in it."""
     chosen = sorted(rows, key=lambda r: r.scenario_id)[::197]
-    assert {r.pair_type for r in chosen} == set(TYPES)
+    assert {r.pair_type for r in chosen} == {*TYPES, *COMBINED}
     assert len({r.variant for r in chosen}) == 10
     return chosen
 

@@ -68,7 +68,7 @@ def test_traffic_keeps_to_the_left_and_plates_stand_there() -> None:
 def test_rings_go_round_clockwise() -> None:
     for data, sign in ((DataSet(), 1.0), (IMAGE, -1.0)):
         scene = load_scene(data, next(r for r in data.table("dev") if r.scenario_type == "roundabout"))
-        ring = scene.target_sign.params_as(RoundaboutParams).ring
+        ring = scene.target_signs[0].params_as(RoundaboutParams).ring
         x, y = np.vstack([scene.network.edge_lanes(edge)[0].line.points for edge in ring]).T
         area = float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
         assert area * sign > 0.0

@@ -144,11 +144,11 @@ def test_a_sign_stands_with_what_ends_it_and_its_context(catalog: Catalog) -> No
 
 def test_a_plate_that_the_catalogue_does_not_expect_is_refused(catalog: Catalog) -> None:
     plate = SignInstance("a", "2.4", None, "edge", 0, 1.0, 0.0, 0.0, 0.0, "context")
-    catalog.check_plates("2.1", {plate.id: plate.code}, "row")
+    catalog.check_plates(["2.1"], {plate.id: plate.code}, "row")
     with pytest.raises(
         InputError, match=r"row: plate 'a' is 2.4, in a scene of 2.5 may stand 2.5, 2.1 \(context: in .*2.5.yaml"
     ):
-        catalog.check_plates("2.5", {plate.id: plate.code}, "row")
+        catalog.check_plates(["2.5"], {plate.id: plate.code}, "row")
 
 
 def test_a_ramp_has_the_speeds_of_its_road() -> None:

@@ -10,7 +10,7 @@ from tsbench.core.errors import InputError, import_all
 from tsbench.learn.imitation.targets import TARGET_SPECS
 from tsbench.planners.experts.expert import CONSTRAINTS
 from tsbench.planners.experts.rules.constraint import RuleConstraint
-from tsbench.report.drawing.scene_shapes import rule_zone
+from tsbench.report.drawing.scene_shapes import rule_zones
 from tsbench.rules.monitors import MONITORS
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -37,9 +37,8 @@ def test_every_kind_has_a_zone_to_draw() -> None:
         if name not in drawn:
             scene, _ = loader.load(row)
             kind = RULE_KINDS[name].params
-            assert scene.target_sign.params is None if kind is None else type(scene.target_sign.params) is kind
-            zone = rule_zone(scene)
-            assert zone is not None
+            assert scene.target_signs[0].params is None if kind is None else type(scene.target_signs[0].params) is kind
+            (zone,) = rule_zones(scene)
             assert zone.area > 0.0
             drawn.add(name)
     assert drawn == set(RULE_KINDS)

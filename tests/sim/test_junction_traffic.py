@@ -203,7 +203,7 @@ def test_where_plates_say_nothing_about_others_time_goes_on(sim: Simulation, on_
 def test_both_halves_of_a_pair_are_held(on_cross: SceneMaker) -> None:
     made = scene(on_cross, "halves")
     assert exchangeable(made)
-    assert not exchangeable(replace(made, signs=(replace(made.target_sign, params=None),)))
+    assert not exchangeable(replace(made, signs=(replace(made.target_signs[0], params=None),)))
 
 
 def test_late_entries_are_taken_out_and_all_else_stays(on_cross: SceneMaker) -> None:

@@ -23,14 +23,14 @@ def test_a_main_road_that_turns_has_its_shape_beneath_each_plate() -> None:
     """In `main_road` it comes from the ego and leads to its right, where the convoy comes from."""
     scene = scene_of("main_road", "signed")
     found = main_roads(scene.network, scene.signs)
-    target = found[scene.target]
+    target = found[scene.targets[0]]
     assert 180 in target.main
     (right,) = (angle for angle in target.main if angle != 180)
     assert -150 <= right <= -30
     assert target.told == (math.radians(right), math.pi)
     assert target.others
     assert all(-30 <= angle <= 150 for angle in target.others)
-    for other in (s for s in scene.signs if s.code == "2.1" and s.id != scene.target):
+    for other in (s for s in scene.signs if s.code == "2.1" and s.id not in scene.targets):
         (left,) = (angle for angle in found[other.id].main if angle != 180)
         assert left == pytest.approx(-right, abs=15)
 
@@ -48,7 +48,7 @@ def test_the_mirror_image_turns_the_other_way() -> None:
     table = town.table("dev")
     row = next(row for row in table if (row.scenario_type, row.half) == ("main_road", "signed"))
     mirrored = load_scene(town, row)
-    here, there = (main_roads(s.network, s.signs)[scene.target].main for s in (scene, mirrored))
+    here, there = (main_roads(s.network, s.signs)[scene.targets[0]].main for s in (scene, mirrored))
     assert sorted(there) == sorted(180 if angle == 180 else -angle for angle in here)
     assert here != there
 

@@ -32,7 +32,7 @@ NUMBER = st.floats(0.001, 1e4, allow_nan=False)
 
 def layout(block: RoadNetwork) -> SceneLayout:
     return SceneLayout(
-        signs=(plate(block, "ta", 100.1, "3.18.1", junction="a", approach="ta"),), target="sign_0",
+        signs=(plate(block, "ta", 100.1, "3.18.1", junction="a", approach="ta"),), targets=("sign_0",),
         obstacles=(obstacle(block, "ta_1", 70.3),), start=EgoStart("ta_0", 20.5, 7.75),
         destination=Destination("bu", 33.3),
         convoy=ConvoyPlan("ta_0", 4.2, 3.3, 13.9, 5.1, ("convoy_0", "convoy_1"), 1.7),
@@ -67,6 +67,8 @@ def test_what_is_written_comes_back_exactly(
         convoy=replace(whole.convoy, ego_zone_m=a, lead_time_s=b, ego_turn_mps=c) if convoy else None,
         walkers=None if convoy else replace(whole.walkers, speeds=(a, b), lead_time_s=c, until_past=way),
         contrast=CONTRAST if way else (),
+        targets=("sign_0", "sign_1") if way else ("sign_0",),
+        signs=(*whole.signs, replace(whole.signs[0], id="sign_1")),
         compliant_hint=whole.compliant_hint if way else (),
     )
     write_additional(layout_elements(whole, block), file)
@@ -95,7 +97,7 @@ def test_a_scene_is_its_layout_on_its_network(block: RoadNetwork, tmp_path: Path
     assert scene.additional == file
     assert (scene.start, scene.destination, scene.convoy) == (whole.start, whole.destination, whole.convoy)
     assert scene.walkers == whole.walkers
-    assert scene.target_sign is scene.signs[0]
+    assert scene.target_signs[0] is scene.signs[0]
     assert scene.compliant_hint[1] == "ad"
 
 

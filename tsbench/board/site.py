@@ -21,7 +21,6 @@ from tsbench.episode.perception_level import EXACT
 from tsbench.metrics.scd import NAMES, PAIRED, PARTS, SIGNED_ONES
 from tsbench.report.page.page_format import render_page
 from tsbench.report.page.report_page import PLAYER_SCRIPTS
-from tsbench.run.plan import choose_types
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.model import GROUPS
 
@@ -205,7 +204,8 @@ def _distinct(names: Sequence[str], rows: Sequence[BoardRow]) -> list[str]:
 
 def _types(row: BoardRow) -> list[tuple[str, list[Figure | None]]]:
     """Each type that has figures, with them: paired, signed, contrast."""
-    found = [(kind, [row.figure(name, kind) for name in PARTS]) for kind in choose_types(DataSet().catalog, ())]
+    kinds = (kind.id for kind in DataSet().catalog.types)
+    found = [(kind, [row.figure(name, kind) for name in PARTS]) for kind in kinds]
     return [(name, figures) for name, figures in found if any(f is not None for f in figures)]
 
 

@@ -204,7 +204,7 @@ def _facts(trace: Trace, scene: Scene) -> dict[str, str]:
         "planner": trace.planner,
         "scenario_id": trace.spec.scenario_id,
         "outcome": str(trace.outcome),
-        "compliant": str(trace.target.compliant).lower(),
+        "compliant": str(trace.verdicts.compliant).lower(),
         "roads": f"{ATTRIBUTION}, ODbL 1.0",
         **scene_facts(scene),
     }

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 TYPES = 29
+# Scenarios with two signs, on places of test.
+TWO_SIGNS = "two-signs"
 # Of each type, by split, in the order in which they are built: with test alone planners can be compared already.
-MAPS = {"test": 20, "dev": 5, "holdout": 10, "train": 80}
+MAPS = {"test": 20, "dev": 5, "holdout": 10, "train": 80, TWO_SIGNS: 20}
 # Of each map; number 0 has no background traffic. dev is for a look in passing: it has the first two.
 VARIANTS = 10
-VARIANTS_OF = {split: 2 if split == "dev" else VARIANTS for split in MAPS}
+VARIANTS_OF = {**dict.fromkeys(MAPS, VARIANTS), "dev": 2, TWO_SIGNS: 5}
 TEST_PER_TRAIN = MAPS["train"] // MAPS["test"]
-# Signed rows; a pair's contrast rows come on top.
-ROWS = {split: TYPES * maps * VARIANTS_OF[split] for split, maps in MAPS.items()}
+
+
+def places_of_split(split: str) -> str:
+    """The split whose places a split's maps are of: its own, or test's."""
+    return "test" if split == TWO_SIGNS else split
+
+
+# Signed rows of types of one sign; a pair's contrast rows come on top.
+ROWS = {split: TYPES * maps * VARIANTS_OF[split] for split, maps in MAPS.items() if split != TWO_SIGNS}
 
 # From the ego: how far road users are seen, and how far plates and obstacles.
 ROAD_USER_RANGE_M = 120.0

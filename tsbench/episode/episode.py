@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from tsbench.rules.monitors import make_monitors
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.signs.annotations import DISTRACTOR
 from tsbench.sim.convoy import ConvoyRelease
 from tsbench.sim.ego import advance, start_motion
 from tsbench.sim.junction_traffic import JunctionTraffic
@@ -35,24 +34,25 @@ _MOST_ERROR = 500
 class Judged:
     """Clauses violated so far, once per event; an excursion that goes on counts.
 
-    target, others: of the target sign's rule and of the other signs'. engaged: does the target's rule apply?
+    targets, others: of the target signs' rules and of the other signs'. engaged: do the targets' rules apply?
     """
 
-    target: tuple[str, ...]
+    targets: tuple[str, ...]
     others: tuple[str, ...]
     needless: tuple[str, ...]
     wrong_way: tuple[str, ...]
+    _: KW_ONLY
     engaged: bool
 
     @property
     def violations(self) -> tuple[str, ...]:
         """All but needless obedience."""
-        return (*self.target, *self.others, *self.wrong_way)
+        return (*self.targets, *self.others, *self.wrong_way)
 
     @property
     def against(self) -> tuple[str, ...]:
         """What counts against SCD."""
-        return (*self.target, *self.needless, *self.wrong_way)
+        return (*self.targets, *self.needless, *self.wrong_way)
 
 
 def no_heartbeat(_: int) -> None:
@@ -102,9 +102,7 @@ class Episode:
         try:
             heartbeat(Phase.LOADING)
             scene, roads = (SceneLoader(DataSet()) if loader is None else loader).load(spec)
-            scene.catalog.check_plates(
-                spec.sign_code, {s.id: s.code for s in scene.signs if s.role != DISTRACTOR}, spec.scenario_id
-            )
+            scene.check_codes(spec.sign_code, spec.scenario_id)
             self.observer = Observer(scene, roads.view, perception, spec.pair_name, privileged)
             self._load(scene, roads)
             seed = floor_seed(spec.scenario_id) if floor else planner_seed(spec.pair_name)
@@ -117,7 +115,7 @@ class Episode:
         """Bring SUMO to the first tick, with the ego in its exact pose."""
         sim, self.scene, self.roads = self.sim, scene, roads
         self.monitors = make_monitors(scene)
-        self.ending = TerminationCheck(scene, self.monitors.target)
+        self.ending = TerminationCheck(scene, self.monitors.targets)
         self.view = roads.view
         self.navigator = Navigator(self.view.graph, destination_on_map(self.view, scene))
         self.walk = ConvoyRelease(scene.walkers, scene.network) if scene.walkers else None
@@ -241,14 +239,15 @@ class Episode:
             start_remaining_m=self.start_remaining,
             outcome=outcome,
             contact=self.ending.contact,
-            **self.monitors.finish()._asdict(),
+            verdicts=self.monitors.finish(),
         )
 
     def judged(self) -> Judged:
         """What the monitors say so far, or said in the end."""
         m = self.monitors
-        others, needless = (tuple(c for one in group for c in one.clauses()) for group in (m.others, m.needless))
-        return Judged(m.target.clauses(), others, needless, m.wrong_way.clauses(), m.target.engaged)
+        groups = (m.targets, m.others, m.needless, (m.wrong_way,))
+        clauses = [tuple(clause for one in group for clause in one.clauses()) for group in groups]
+        return Judged(*clauses, engaged=all(one.engaged for one in m.targets))
 
     def _locate(self, last: int) -> EgoState:
         m = self.motion
@@ -306,7 +305,7 @@ class Episode:
 def _context(seed: int, scene: Scene, roads: Roads, privileged: bool) -> PlannerContext:
     view, privilege = roads.view, None
     if privileged:
-        privilege = Privilege(scene.target_sign, scene.catalog, scene.network, view)
+        privilege = Privilege(scene.target_signs, scene.catalog, scene.network, view)
     return PlannerContext(seed, view.map, view.graph, destination_on_map(view, scene), DT_S, privilege)
 
 

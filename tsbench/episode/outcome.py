@@ -9,7 +9,6 @@ stood, or where the other came from behind. Units: m, rad, m/s.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from enum import IntEnum, StrEnum
 from typing import Any
@@ -20,7 +19,7 @@ from tsbench.geometry.elementary import wrap
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.geometry.polyline import Array
 from tsbench.planners.base import Plan
-from tsbench.rules.monitor import Monitor, Verdict, Violation
+from tsbench.rules.monitor import Monitor, Verdicts, Violation
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.scene import Obstacle, Scene
@@ -88,13 +87,13 @@ class Contact:
 class TerminationCheck:
     """Says of each tick whether the episode ends there, and how; the same during a run and from its trace.
 
-    target: the monitor of the scenario's own sign, which has taken in the tick before. contact: the one that ended the
-    episode, None where none did.
+    targets: the monitors of the scenario's own signs, which have taken in the tick before. contact: the one that ended
+    the episode, None where none did.
     """
 
-    def __init__(self, scene: Scene, target: Monitor) -> None:
+    def __init__(self, scene: Scene, targets: tuple[Monitor, ...]) -> None:
         self.contact: Contact | None = None
-        self._scene, self._target = scene, target
+        self._scene, self._targets = scene, targets
         self._dest_lanes = frozenset(scene.network.edges[scene.destination.edge].lanes)
 
     def at(self, snapshot: WorldSnapshot) -> Outcome | None:
@@ -107,7 +106,7 @@ class TerminationCheck:
             return Outcome.OFF_ROAD
         if ego.lane in self._dest_lanes and abs(ego.s - self._scene.destination.s) <= ARRIVAL_M:
             return Outcome.ARRIVED
-        if self._target.completed:
+        if any(monitor.completed for monitor in self._targets):
             return Outcome.ARRIVED
         if snapshot.step >= self._scene.horizon:
             return Outcome.TIMEOUT
@@ -126,35 +125,23 @@ class TerminationCheck:
         return None if obstacle is None else Contact(snapshot.step, "obstacle", obstacle.id, True)
 
 
-def counted_against(
-    target: Verdict, needless: Iterable[Violation], wrong_way: Iterable[Violation]
-) -> tuple[Violation, ...]:
-    """What counts against SCD, in order of time: by the target's rule, needless obedience, wrong way."""
-    return tuple(sorted((*target.violations, *needless, *wrong_way), key=lambda event: event.start_s))
-
-
 @dataclass(frozen=True, kw_only=True)
 class Course:
     """What happened in an episode, and the verdicts on it.
 
-    snapshots: one per tick, step 0 first. start_remaining_m: way to go at step 0. target: verdict on the scenario's own
-    sign; others: verdicts on the other signs. needless: what was obeyed in a contrast scene although no plate asks for
-    it; wrong_way: what was driven against the direction of a lane; both in order of time.
+    snapshots: one per tick, step 0 first. start_remaining_m: way to go at step 0.
     """
 
     snapshots: list[WorldSnapshot]
     start_remaining_m: float
     outcome: Outcome
     contact: Contact | None
-    target: Verdict
-    others: tuple[Verdict, ...]
-    needless: tuple[Violation, ...] = ()
-    wrong_way: tuple[Violation, ...] = ()
+    verdicts: Verdicts
 
     @property
     def against(self) -> tuple[Violation, ...]:
         """What counts against SCD, in order of time."""
-        return counted_against(self.target, self.needless, self.wrong_way)
+        return self.verdicts.against
 
     def course(self) -> dict[str, Any]:
         """Its fields, for another class with them."""
@@ -167,11 +154,6 @@ class EpisodeFacts(Course):
 
     scene: Scene
     route: RouteView
-
-    @property
-    def obeyed(self) -> bool:
-        """Was the target's rule kept, nothing obeyed that no plate asks for, and no lane driven the wrong way?"""
-        return not self.against
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,11 @@ bytes.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import quote
 
 import numpy as np
@@ -31,7 +31,7 @@ from tsbench.episode.trace_columns import PLAN, SCHEMA, plan_of_each_tick, plans
 from tsbench.geometry.polyline import Array
 from tsbench.planners.base import Plan
 from tsbench.roads.planner_map import PlannerMap
-from tsbench.rules.monitor import Verdict, Violation
+from tsbench.rules.monitor import Verdict, Verdicts, Violation
 from tsbench.scenarios.spec import MOST_TICKS, ScenarioSpec
 from tsbench.sim.navigation import Navigator, RouteView
 from tsbench.sim.scene import Scene
@@ -39,12 +39,15 @@ from tsbench.sim.world import ActorKind, ActorTable
 
 if TYPE_CHECKING:
     # Reading a trace needs no SUMO.
+    from _typeshed import DataclassInstance
+
     from tsbench.episode.episode import Episode
 
 TRACE_SCHEMA = 1
 _KEY = "tsbench.trace"
 # Unpacked: far more than any of ours has.
 _MOST_BYTES = 1 << 29
+_Kind = TypeVar("_Kind")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,13 +76,10 @@ class Trace(Course):
             outcome=Outcome.TIMEOUT if over is None else over.outcome,
             error="" if over is None else over.error,
             contact=None,
-            target=m.target.log.verdict(m.target.engaged),
-            others=tuple(one.log.verdict(one.engaged) for one in m.others),
+            verdicts=m.verdicts(),
             start_remaining_m=episode.start_remaining,
             snapshots=list(episode.snapshots),
             commands=np.array(episode.commands, np.float64).reshape(-1, 2),
-            needless=tuple(v for one in m.needless for v in one.log.verdict(one.engaged).violations),
-            wrong_way=m.wrong_way.log.verdict(m.wrong_way.engaged).violations,
             plans=plan_of_each_tick(tuple(episode.plans), len(episode.snapshots)),
             told=tuple(episode.observer.told),
         )
@@ -125,21 +125,23 @@ def write_trace(path: Path, result: EpisodeResult) -> None:
     facts = result.facts
     if facts is None or not facts.snapshots:
         raise ValueError(f"{result.spec.scenario_id}: an episode without a tick has no trace")
+    first, *more = facts.verdicts.targets
     head = {
         "schema": TRACE_SCHEMA,
         "planner": result.planner,
-        "scenario": _plain(asdict(result.spec)),
+        "scenario": to_dict(result.spec),
         "outcome": str(result.outcome),
         "error": one_line(result.error),
         "contact": None if facts.contact is None else asdict(facts.contact),
-        "target": verdict_to_dict(facts.target),
-        "others": [verdict_to_dict(v) for v in facts.others],
-        "needless": [_plain(asdict(v)) for v in facts.needless],
-        "wrong_way": [_plain(asdict(v)) for v in facts.wrong_way],
+        "target": to_dict(first),
+        **({"more_targets": [to_dict(v) for v in more]} if more else {}),
+        "others": [to_dict(v) for v in facts.verdicts.others],
+        "needless": [to_dict(v) for v in facts.verdicts.needless],
+        "wrong_way": [to_dict(v) for v in facts.verdicts.wrong_way],
         "start_remaining_m": _plain(facts.start_remaining_m),
         "actors": _table_to_dict(facts.snapshots[-1].actors.table),
         # Of imperfect eyes only: what is exact stands in the scene.
-        **({"told": [_plain(asdict(one)) for one in result.told]} if result.told else {}),
+        **({"told": [to_dict(one) for one in result.told]} if result.told else {}),
     }
     text = json.dumps(head, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
     table = table_of(facts.snapshots, result.commands, result.plans)
@@ -208,23 +210,29 @@ def _trace(meta: Mapping[str, Any], table: Any) -> Trace:
         outcome=Outcome(meta["outcome"]),
         error=str(meta["error"]),
         contact=None if meta["contact"] is None else typed(Contact, meta["contact"], strict=False),
-        target=typed(Verdict, meta["target"], strict=False),
-        others=tuple(typed(Verdict, verdict, strict=False) for verdict in meta["others"]),
+        verdicts=Verdicts(
+            _typed(Verdict, [meta["target"], *meta.get("more_targets", ())]),
+            _typed(Verdict, meta["others"]),
+            # Traces from before contrast scenes have none.
+            _typed(Violation, meta.get("needless", ())),
+            # Those of editions before 2026.3 have none.
+            _typed(Violation, meta.get("wrong_way", ())),
+        ),
         start_remaining_m=float(meta["start_remaining_m"]),
         snapshots=snapshots,
         commands=commands.astype(np.float64, copy=False),
-        # Traces from before contrast scenes have none.
-        needless=tuple(typed(Violation, event, strict=False) for event in meta.get("needless", ())),
-        # Those of editions before 2026.3 have none.
-        wrong_way=tuple(typed(Violation, event, strict=False) for event in meta.get("wrong_way", ())),
         plans=plans_of(table),
-        told=tuple(typed(SignDetection, one, strict=False) for one in meta.get("told", ())),
+        told=_typed(SignDetection, meta.get("told", ())),
     )
 
 
-def verdict_to_dict(verdict: Verdict) -> dict[str, Any]:
-    """A verdict as plain JSON values; non-finite numbers as text."""
-    result: dict[str, Any] = _plain(asdict(verdict))
+def _typed(kind: type[_Kind], found: Iterable[Any]) -> tuple[_Kind, ...]:
+    return tuple(typed(kind, one, strict=False) for one in found)
+
+
+def to_dict(value: DataclassInstance) -> dict[str, Any]:
+    """A verdict, an event or the like as plain JSON values; non-finite numbers as text."""
+    result: dict[str, Any] = _plain(asdict(value))
     return result
 
 

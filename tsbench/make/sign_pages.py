@@ -113,7 +113,7 @@ class PageMaker:
         for name, planner in ((blind, blind), LAWLESS):
             for row in rows[:TRIES]:
                 broken = self._drive(resolve(planner), name, row)
-                if broken.target.violations:
+                if broken.verdicts.violations:
                     obeyed = self._drive(resolve(EXPERT), EXPERT, row)
                     if _passed(obeyed):
                         return self._with_contrast(Drives(broken, obeyed))
@@ -177,7 +177,7 @@ def _passed(trace: Trace) -> bool:
 
 
 def _first_violation(trace: Trace) -> Violation:
-    return min(trace.target.violations, key=lambda v: v.start_s)
+    return min(trace.verdicts.violations, key=lambda v: v.start_s)
 
 
 def _span(trace: Trace, decision: float) -> tuple[int, int]:

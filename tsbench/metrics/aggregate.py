@@ -116,7 +116,9 @@ def summarise(
         if name in records
     )
     units = {name: metric.unit for name, metric in METRICS.items()}
-    types, driven = len(DataSet().catalog.types), {kind for p in planners for kind in p.kinds}
+    catalog, driven = DataSet().catalog, {kind for p in planners for kind in p.kinds}
+    several = any(kind.id in driven for kind in catalog.combined)
+    types = len(catalog.combined if several else catalog.types)
     title = f"{len(driven)} of {types} types, {sum(asked.values())} episodes asked"
     title = f"PARTIAL, {sum(holes.values())} episodes missing: {title}" if holes else title
     return Summary(

@@ -94,11 +94,11 @@ def _longest(mask: _Mask) -> int:
 # In the order of the records' columns.
 EPISODE_METRICS = (
     Metric(
-        "sign_compliant", bool, lambda e: e.target.compliant, "no violation event of the target sign's rule",
+        "sign_compliant", bool, lambda e: e.verdicts.compliant, "no violation event of the target signs' rules",
         "sign_compliance", "%", 100.0, 0.0, about_rule=True,
     ),
     Metric(
-        "sign_engaged", bool, lambda e: e.target.engaged,
+        "sign_engaged", bool, lambda e: e.verdicts.engaged,
         "the rule bound the ego at least once; if not, the episode counts neither as pass nor as failure of it",
         "engaged", "%", 100.0, head="engag.", about_rule=True,
     ),
@@ -152,9 +152,9 @@ EPISODE_METRICS = (
     ),
     Metric("duration_s", float, lambda e: round(e.steps * DT_S, 6), "s until the end"),
     Metric("steps", int, lambda e: e.steps, "steps until the end"),
-    Metric("violations", int, lambda e: len(e.target.violations), "events of the target sign"),
+    Metric("violations", int, lambda e: len(e.verdicts.violations), "events of the target sign"),
     Metric(
-        "needless", int, lambda e: len(e.facts.needless),
+        "needless", int, lambda e: len(e.verdicts.needless),
         "events of needless obedience, in contrast scenes only; `violations` and `all_violations` do not count them",
     ),
     Metric(
@@ -167,7 +167,7 @@ EPISODE_METRICS = (
     Metric("violation_value", float, lambda e: e.first("value"), "what was measured, in the unit of its clause"),
     Metric("violation_threshold", float, lambda e: e.first("threshold"), "against what"),
     Metric(
-        "violating_steps", int, lambda e: e.target.violating_steps,
+        "violating_steps", int, lambda e: sum(verdict.violating_steps for verdict in e.verdicts.targets),
         "ticks in which a clause was broken; kept apart from events, never added",
     ),
     Metric("min_ttc", float, lambda e: min_ttc(e.tracks), "least time to collision, s (below)"),
@@ -187,7 +187,7 @@ EPISODE_METRICS = (
         "degrees; while there is one, the count starts anew",
     ),
     Metric(
-        "wrong_way", bool, lambda e: bool(e.facts.wrong_way),
+        "wrong_way", bool, lambda e: bool(e.verdicts.wrong_way),
         "for more than 3 m in all on ordinary lanes whose direction is against its heading (more than 90 degrees "
         "off), with no obstacle near: no pass, in either half",
     ),

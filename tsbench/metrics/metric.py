@@ -42,12 +42,12 @@ class MetricInput:
     def __init__(self, facts: EpisodeFacts) -> None:
         if not facts.snapshots:
             raise ValueError("an episode without a tick has no metrics")
-        self.facts, self.target, self.contact, self.scene = facts, facts.target, facts.contact, facts.scene
+        self.facts, self.verdicts, self.contact, self.scene = facts, facts.verdicts, facts.contact, facts.scene
         self.tracks: Tracks = tracks_of(facts.snapshots)
         self.steps = facts.snapshots[-1].step
         self.arrived = facts.outcome is Outcome.ARRIVED
         self.off_road = facts.outcome is Outcome.OFF_ROAD
-        self.events = sum(len(verdict.violations) for verdict in (facts.target, *facts.others))
+        self.events = sum(len(verdict.violations) for verdict in (*facts.verdicts.targets, *facts.verdicts.others))
 
     @cached_property
     def completion(self) -> float:
@@ -55,7 +55,8 @@ class MetricInput:
 
     def first(self, field: str) -> Any:
         """A field of the first event that counts against SCD, None without one."""
-        return getattr(self.facts.against[0], field) if self.facts.against else None
+        against = self.verdicts.against
+        return getattr(against[0], field) if against else None
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,8 +15,8 @@ from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.episode_metrics import METRICS
-from tsbench.metrics.scd import CONTRASTED, PAIRED, SCD, scd_of_pairs
-from tsbench.scenarios.spec import CONTRAST, HALVES, pair_type
+from tsbench.metrics.scd import CONTRASTED, PAIRED, SCD, SQUARED, scd_of_both
+from tsbench.scenarios.spec import CONTRAST, HALVES, SECOND_PAIR, pair_type
 from tsbench.signs.model import GROUPS
 
 _TEXT = ("planner", "scenario_id", "scenario_type", "group", "map_id", "outcome", "pair_id", "half", "place")
@@ -61,13 +61,22 @@ class Records:
         )  # fmt: skip
 
     def of(self, part: str) -> Records:
-        """The records that a figure of SCD is over: `paired_scd`, `signed_scd` or `contrast_scd`."""
+        """The records that a figure of SCD is over: of squares, pairs, signed or contrast halves."""
+        if part == SQUARED:
+            pairs = self.of(PAIRED)
+            number = {name: k for k, name in enumerate(pairs.scenarios)}
+            firsts = [k for name, k in number.items() if name + SECOND_PAIR in number]
+            seconds = [number[pairs.scenarios[k] + SECOND_PAIR] for k in firsts]
+            return pairs.take(np.array(firsts, np.intp))._with(pairs.take(np.array(seconds, np.intp)))
         if part != PAIRED:
             return self.take(np.flatnonzero(self.contrast == (part == CONTRASTED)))
         rows = np.flatnonzero(~self.contrast & (self.partner >= 0))
-        signed, contrast = self.take(rows), self.take(self.partner[rows])
-        scd = scd_of_pairs(signed.values[SCD.column], contrast.values[SCD.column])
-        return replace(signed, error=signed.error | contrast.error, values={SCD.column: scd})
+        return self.take(rows)._with(self.take(self.partner[rows]))
+
+    def _with(self, others: Records) -> Records:
+        """Each passed where the other is, too: SCD alone."""
+        scd = scd_of_both(self.values[SCD.column], others.values[SCD.column])
+        return replace(self, error=self.error | others.error, values={SCD.column: scd})
 
     def type_groups(self) -> dict[str, str]:
         """The group of each type; groups in the catalogue's order, types by name within each."""

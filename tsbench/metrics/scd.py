@@ -1,7 +1,7 @@
 """SCD, the primary metric: sign-compliant and arrived.
 
-Of an episode it is yes or no (`is_scd`): `EpisodeFacts.against` of `tsbench.episode.outcome` collects what counts
-against it, events of the target's rule, needless obedience in a contrast half, and the wrong way. An episode with an
+Of an episode it is yes or no (`is_scd`): `Verdicts.against` of `tsbench.rules.monitor` collects what counts
+against it, events of the targets' rules, needless obedience in a contrast half, and the wrong way. An episode with an
 error outcome has it not.
 
 A figure of SCD is a share of one part of the records (`Records.of`): of the signed halves (and what has no pair), of
@@ -20,13 +20,13 @@ from tsbench.scenarios.spec import CONTRAST, SIGNED
 
 
 def is_scd(facts: EpisodeFacts) -> bool:
-    """SCD of an episode: arrived, the target's rule kept, nothing obeyed needlessly, and never the wrong way."""
-    return facts.outcome is Outcome.ARRIVED and facts.obeyed
+    """SCD of an episode: arrived, the targets' rules kept, nothing obeyed needlessly, and never the wrong way."""
+    return facts.outcome is Outcome.ARRIVED and not facts.verdicts.against
 
 
-def scd_of_pairs(signed: Array, contrast: Array) -> Array:
-    """(n,) SCD of pairs from that of their halves; NaN where a half has none."""
-    return np.minimum(signed, contrast)
+def scd_of_both(one: Array, other: Array) -> Array:
+    """(n,) SCD of pairs from that of their halves, of squares from that of their pairs; NaN where either has none."""
+    return np.minimum(one, other)
 
 
 SCD = Metric(
@@ -44,10 +44,13 @@ SCD = Metric(
 # signed halves (and what has no pair), of contrast halves.
 PAIRED, SIGNED_ONES, CONTRASTED = "paired_scd", "signed_scd", "contrast_scd"
 PARTS = (PAIRED, SIGNED_ONES, CONTRASTED)
+# Of scenarios with two signs, share of squares with all four rows passed: the primary one there.
+SQUARED = "squared_scd"
+EVERY_PART = (SQUARED, *PARTS)
 # The half whose episodes a figure is over, where it is not both.
 HALF_OF = {SIGNED_ONES: SIGNED, CONTRASTED: CONTRAST}
 # The figures of SCD as tables call them.
-NAMES = {PAIRED: "paired SCD", SIGNED_ONES: "signed SCD", CONTRASTED: "contrast SCD"}
+NAMES = {SQUARED: "squared SCD", PAIRED: "paired SCD", SIGNED_ONES: "signed SCD", CONTRASTED: "contrast SCD"}
 SCD_NOTE = (
     "SCD: sign-compliant and arrived, %, macro mean over types. Paired: both halves passed; signed, "
     "contrast: each half by itself, by the pair's type; signed SCD also counts scenes without a pair"

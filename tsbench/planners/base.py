@@ -65,21 +65,20 @@ class Trajectory:
 
 @dataclass(frozen=True, slots=True)
 class Privilege:
-    """What experts may read beyond what all planners see: the target sign's rule, exactly; never the future.
+    """What experts may read beyond what all planners see: the target signs' rules, exactly; never the future.
 
-    sign: the target, on the edges of `network`, which is SUMO's with its priorities. catalog: signs as they bind here.
-    view: from the network to the map. `Observation.truth` goes with it.
+    signs: the targets, on the edges of `network`, which is SUMO's with its priorities. catalog: signs as they bind
+    here. view: from the network to the map. `Observation.truth` goes with it.
     """
 
-    sign: SignInstance
+    signs: tuple[SignInstance, ...]
     catalog: Catalog
     network: RoadNetwork
     view: PlannerMap
 
-    @property
-    def rule(self) -> RuleSpec:
-        """What the target asks."""
-        return self.catalog.sign(self.sign.code).rule
+    def rule(self, sign: SignInstance) -> RuleSpec:
+        """What a target asks."""
+        return self.catalog.sign(sign.code).rule
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,12 @@ read.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import ClassVar
 
 from tsbench.core.errors import InputError
-from tsbench.planners.base import Control, Observation, PlannerContext, Privilege, SignView
+from tsbench.planners.base import Control, Observation, PlannerContext, Privilege
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.experts.rules.constraint import slow_to
 from tsbench.planners.floor.guess import Blind
@@ -26,7 +27,7 @@ _SLOW_WITHIN_M, _BRAKE_MPS2, _SHARE = 40.0, 2.0, 0.55
 
 
 class Reader:
-    """`idm` until the plate is read; then `idm-e` under the plate as it was read.
+    """`idm` until a plate is read; then `idm-e` under the plates as they were read.
 
     driver: how it drives in both cases.
     """
@@ -39,29 +40,27 @@ class Reader:
         self._base = Idm(self.driver)
         self._context: PlannerContext
         self._privilege: Privilege
-        self._told: tuple[str, float | None] | None = None
+        # Of each target by its id: code and value as they were read.
+        self._told: dict[str, tuple[str, float | None]] = {}
         self._expert: Expert | None = None
 
     def reset(self, context: PlannerContext) -> None:
         if context.privilege is None:
             raise InputError("reader and its kin need PlannerContext.privilege: privileged = True")
         self._context, self._privilege = context, context.privilege
-        self._told, self._expert = None, None
+        self._told, self._expert = {}, None
         self._base.reset(replace(context, privilege=None))
 
     def act(self, observation: Observation) -> Control:
-        at = self._privilege.sign
-        there = (sign for sign in observation.signs if math.hypot(sign.x - at.x, sign.y - at.y) < _SAME_POST_M)
-        told = map(identified, there)
-        read = next((sign for sign in told if sign.code), None)
-        if read is not None and self._told != (read.code, read.value):
-            self._told, self._expert = (read.code, read.value), self.obeying(read)
+        told = self._told | self._read(observation)
+        if told != self._told:
+            self._told, self._expert = told, self._obeying(told)
         if self._expert is not None:
             try:
                 return self._expert.act(observation)
             except InputError:
                 # What was read leaves no way: it must be misread, so it is as if nothing stood there.
-                if self._told == (at.code, at.value):
+                if all(self._told.get(sign.id) == (sign.code, sign.value) for sign in self._privilege.signs):
                     raise
                 self._expert = None
         return self.unread(observation, self._base.act(replace(observation, truth=None)))
@@ -71,11 +70,27 @@ class Reader:
         del observation
         return command
 
-    def obeying(self, read: SignView) -> Expert:
-        """The expert that obeys a plate as it was read."""
-        sign = replace(self._privilege.sign, code=read.code, value=read.value)
+    def _read(self, observation: Observation) -> dict[str, tuple[str, float | None]]:
+        found: dict[str, tuple[str, float | None]] = {}
+        for seen in observation.signs:
+            for target in self._privilege.signs:
+                if math.hypot(seen.x - target.x, seen.y - target.y) < _SAME_POST_M:
+                    read = identified(seen)
+                    if read.code:
+                        found.setdefault(target.id, (read.code, read.value))
+        return found
+
+    def obeyed(self, code: str, value: float | None) -> float | None:
+        """The value that is obeyed of a plate that was read: its own."""
+        del code
+        return value
+
+    def _obeying(self, told: Mapping[str, tuple[str, float | None]]) -> Expert:
+        """The expert that obeys the plates that were read, as they were read."""
+        read = (sign for sign in self._privilege.signs if sign.id in told)
+        signs = tuple(replace(s, code=told[s.id][0], value=self.obeyed(*told[s.id])) for s in read)
         expert = Expert(Idm(self.driver))
-        expert.reset(replace(self._context, privilege=replace(self._privilege, sign=sign)))
+        expert.reset(replace(self._context, privilege=replace(self._privilege, signs=signs)))
         return expert
 
 

@@ -16,8 +16,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from tsbench.planners.base import Control, Observation, PlannerContext, SignView
-from tsbench.planners.experts.expert import Expert
+from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequirement, ObservedVehicle
 from tsbench.planners.experts.rules.gap_acceptance import COURTESY
 from tsbench.planners.experts.rules.right_of_way import RightOfWay
@@ -116,12 +115,10 @@ class LegalStyle(Reader):
 
     share: ClassVar[float] = 1.0
 
-    def obeying(self, read: SignView) -> Expert:
-        """The plate's expert; a greatest speed is obeyed as if it were `share` of it."""
-        rule = self._privilege.catalog.sign(read.code).rule
-        if read.value is not None and rule.name == _GREATEST_SPEED:
-            read = replace(read, value=self.share * read.value)
-        return super().obeying(read)
+    def obeyed(self, code: str, value: float | None) -> float | None:
+        """Of a greatest speed `share` of it."""
+        rule = self._privilege.catalog.sign(code).rule
+        return value if value is None or rule.name != _GREATEST_SPEED else self.share * value
 
 
 class Cautious(LegalStyle):

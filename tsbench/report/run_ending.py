@@ -22,7 +22,7 @@ from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import StrictAndCompleted
 from tsbench.metrics.intervals import Estimate
-from tsbench.metrics.scd import NAMES, PARTS
+from tsbench.metrics.scd import EVERY_PART, NAMES
 from tsbench.report.analyses.analysis import ALL, DASH
 from tsbench.report.analyses.columns import panels_of, present_panels
 from tsbench.report.wording import readable, sign_words
@@ -55,7 +55,7 @@ _ENDS = {
 
 def primary(planners: Sequence[PlannerSummary]) -> str:
     """The part of SCD that a run is read by: that of pairs, where it has any."""
-    return next(part for part in PARTS if any(part in p.scores for p in planners))
+    return next(part for part in EVERY_PART if any(part in p.scores for p in planners))
 
 
 def headline(planners: Sequence[PlannerSummary]) -> tuple[list[str], list[list[str]]]:

@@ -84,17 +84,17 @@ def _ticks(trace: Trace, every: int, span: tuple[int, int] | None) -> list[int]:
 
 def _around(trace: Trace, scene: Scene, size: PageSize, span: tuple[int, int] | None) -> Array:
     """What a film shows: the ego's way and the plate; in a short one others too, as far as the ego stays large."""
-    sign = scene.target_sign
     first, last = (0, len(trace.snapshots) - 1) if span is None else span
     track = np.array([(s.ego.x, s.ego.y) for s in trace.snapshots[first : last + 1]])
-    away, clear = way_off(scene.network, sign)
-    post = np.array((sign.x, sign.y))
-    both = np.vstack((track, post, post + (clear + _PLATE_M) * away * (1.0, -1.0)))
-    if span is None:
-        return both
+    plates = []
+    for sign in scene.target_signs:
+        (away, clear), post = way_off(scene.network, sign), np.array((sign.x, sign.y))
+        if span is None or np.hypot(*(track - post).T).min() <= _NEAR_M:
+            plates += [post, post + (clear + _PLATE_M) * away * (1.0, -1.0)]
     found = track
-    named = _named(trace, first, last)
-    for more in (named, both if np.hypot(*(track - post).T).min() <= _NEAR_M else track):
+    if span is None:
+        return np.vstack((track, *plates))
+    for more in (_named(trace, first, last), np.vstack((track, *plates))):
         wider = np.vstack((found, more))
         if camera_over(wider, size.width, size.view_height, 0.0, (0.0, np.inf)).scale >= _LEAST_PX_PER_M:
             found = wider
@@ -275,15 +275,15 @@ def render_png(
 
 
 def moment(
-    trace: Trace, scene: Scene, time: float | None, country: Country | None = None, under_way: bool = False
+    trace: Trace, scene: Scene, time: float | None = None, country: Country | None = None, under_way: bool = False
 ) -> Image:
     """The picture of it, (height, width, 3) RGB. under_way: the episode has not ended with the trace."""
     tick = _tick(trace, time)
     ego = trace.snapshots[tick].ego
     around = [(ego.x, ego.y), (ego.x - 35, ego.y - 25), (ego.x + 35, ego.y + 25)]
-    sign = scene.target_sign
-    if np.hypot(sign.x - ego.x, sign.y - ego.y) <= _PLATE_NEAR_M:
-        around.append((sign.x, sign.y))
+    for sign in scene.target_signs:
+        if np.hypot(sign.x - ego.x, sign.y - ego.y) <= _PLATE_NEAR_M:
+            around.append((sign.x, sign.y))
     return BirdsEye(trace, scene, PNG_SIZE, np.array(around), follow=False, country=country, under_way=under_way).page(
         tick
     )
@@ -330,19 +330,20 @@ def scene_picture(
     draw_attribution(view)
     facts = scene_facts(scene, country)
     subtitle = f"sign {facts['sign']} · horizon {facts['time']}"
-    page[: size.header_px] = header(size, title, subtitle, scene.target_sign, scene.artwork(country))
+    page[: size.header_px] = header(size, title, subtitle, scene.target_signs, scene.artwork(country))
     _legend(page[size.height - size.footer_px :], {s.colour for s in ways} | {s.kind for s in staged})
     return page
 
 
 def _camera(scene: Scene, points: Array, size: PageSize) -> Camera:
-    """Over all points and the target plate, whose size in metres depends on the scale."""
-    sign, found = scene.target_sign, points
-    away, clear = way_off(scene.network, sign)
+    """Over all points and the target plates, whose size in metres depends on the scale."""
+    found = points
+    posts = [(np.array((sign.x, sign.y)), *way_off(scene.network, sign)) for sign in scene.target_signs]
     for _ in range(2):
         camera = camera_over(found, size.width, size.view_height, _MARGIN_M, _SCALES)
-        reach = 1.5 * plate_px(camera) / camera.scale - _MARGIN_M + clear
-        found = np.vstack((points, (sign.x, sign.y) + max(reach, 0.0) * away * (1.0, -1.0)))
+        reach = 1.5 * plate_px(camera) / camera.scale - _MARGIN_M
+        ends = [post + max(reach + clear, 0.0) * away * (1.0, -1.0) for post, away, clear in posts]
+        found = np.vstack((points, *ends))
     return camera
 
 

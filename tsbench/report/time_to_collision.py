@@ -62,10 +62,11 @@ def times_to_conflict(trace: Trace, scene: Scene) -> Array | None:
     the vehicle's front to the conflict zone by its speed; 0 while it is in the zone. Beyond `FARTHEST_S` where nobody
     comes, and once the ego has left the junction. None where the target is no plate of right of way.
     """
-    sign, network = scene.target_sign, scene.network
-    if not isinstance(sign.params, GiveWayParams):
+    network = scene.network
+    sign = next((sign for sign in scene.target_signs if isinstance(sign.params, GiveWayParams)), None)
+    if sign is None:
         return None
-    params, thresholds = sign.params, scene.rule(sign).thresholds
+    params, thresholds = sign.params_as(GiveWayParams), scene.rule(sign).thresholds
     lanes = [snapshot.ego.lane for snapshot in trace.snapshots]
     path = _driven(junction_paths(network, (params.approach,)), lanes, scene.route_hint)
     arms = sorted(

@@ -9,7 +9,6 @@ import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from tsbench.episode.outcome import counted_against
 from tsbench.episode.trace import Trace
 from tsbench.rules.lines import Road
 from tsbench.rules.monitors import verdicts_of_other_half
@@ -52,9 +51,11 @@ def episode_subtitle(trace: Trace, artwork: Artwork) -> str:
 
 
 def sign_name(scene: Scene) -> str:
-    """The target of a scene with its name, such as "2.4 Give way"."""
-    sign = scene.target_sign
-    return f"{sign_words(scene.artwork(), sign.code, sign.value)} {scene.catalog.sign(sign.code).name_en}"
+    """The targets of a scene with their names, such as "2.4 Give way"."""
+    artwork, catalog = scene.artwork(), scene.catalog
+    return " and ".join(
+        f"{sign_words(artwork, sign.code, sign.value)} {catalog.sign(sign.code).name_en}" for sign in scene.target_signs
+    )
 
 
 def under_other_sign(scene: Scene, other: Scene, snapshots: Sequence[WorldSnapshot]) -> str:
@@ -62,8 +63,7 @@ def under_other_sign(scene: Scene, other: Scene, snapshots: Sequence[WorldSnapsh
 
     Says nothing of how the episode would have ended.
     """
-    found = verdicts_of_other_half(other, scene.network, snapshots)
-    against = counted_against(found.target, found.needless, found.wrong_way)
+    against = verdicts_of_other_half(other, scene.network, snapshots).against
     said = readable(against[0].sentence) if against else "no violation."
     name = sign_name(other)
     told = "the same sign with others around it" if name == sign_name(scene) else name
@@ -84,9 +84,12 @@ def judged_stretch(scene: Scene, at: WorldSnapshot) -> str:
 
 def scene_facts(scene: Scene, country: Country | None = None) -> dict[str, str]:
     """What stands in a scene, which ways lead through it, and for how long one may drive."""
-    sign, artwork = scene.target_sign, scene.artwork(country)
+    artwork = scene.artwork(country)
     return {
-        "sign": f"{sign_words(artwork, sign.code, sign.value)} on edge {sign.edge} at {sign.position_m:.0f} m",
+        "sign": "; ".join(
+            f"{sign_words(artwork, sign.code, sign.value)} on edge {sign.edge} at {sign.position_m:.0f} m"
+            for sign in scene.target_signs
+        ),
         "plates": ", ".join(f"{artwork.code(s.code)} ({s.role}) on {s.edge}" for s in scene.signs),
         "obstacles": ", ".join(f"{o.shape} on {o.lane}" for o in scene.obstacles) or "none",
         "convoy": f"{len(scene.convoy.vehicles)} vehicles" if scene.convoy else "none",

@@ -17,7 +17,7 @@ from tsbench.signs.plate_params import ZoneParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EgoState, WorldSnapshot
 
-__all__ = ["Monitor", "Verdict", "Violation", "require_finite"]
+__all__ = ["Monitor", "Verdict", "Verdicts", "Violation", "require_finite"]
 
 
 class Monitor(ABC):
@@ -46,6 +46,10 @@ class Monitor(ABC):
         """The verdict; excursions that are still open end with the episode."""
         for excursion in self._excursions:
             excursion.close()
+        return self.verdict()
+
+    def verdict(self) -> Verdict:
+        """The verdict so far; an excursion that goes on is no event yet."""
         return self.log.verdict(self.engaged)
 
     def clauses(self) -> tuple[str, ...]:
@@ -79,10 +83,10 @@ def require_finite(snapshot: WorldSnapshot) -> None:
 
 
 class Zone:
-    """A stretch of road that a plate rules. start, end: m along `road`."""
+    """A stretch of road that a plate rules: the monitor's own, or another. start, end: m along `road`."""
 
-    def __init__(self, monitor: Monitor) -> None:
-        sign, scene = monitor.sign, monitor.scene
+    def __init__(self, monitor: Monitor, other: SignInstance | None = None) -> None:
+        sign, scene = other or monitor.sign, monitor.scene
         edges = sign.params_as(ZoneParams).zone_edges
         where = f"{scene.additional}: sign {sign.id!r}"
         self.road = monitor.road(edges, sign.lane)
@@ -146,6 +150,42 @@ class Verdict:
     def compliant(self) -> bool:
         """No violation event of this sign's rule."""
         return not self.violations
+
+
+@dataclass(frozen=True, slots=True)
+class Verdicts:
+    """What all monitors of an episode say.
+
+    targets: on the signs that the scenario is about. others: on other signs. needless: what was obeyed in a contrast
+    scene although no plate asks for it. wrong_way: what was driven against the direction of a lane. The last two are in
+    order of time.
+    """
+
+    targets: tuple[Verdict, ...]
+    others: tuple[Verdict, ...] = ()
+    needless: tuple[Violation, ...] = ()
+    wrong_way: tuple[Violation, ...] = ()
+
+    @property
+    def violations(self) -> tuple[Violation, ...]:
+        """Events of the targets' rules, target by target."""
+        return tuple(event for verdict in self.targets for event in verdict.violations)
+
+    @property
+    def compliant(self) -> bool:
+        """No event of any target's rule."""
+        return all(verdict.compliant for verdict in self.targets)
+
+    @property
+    def engaged(self) -> bool:
+        """Did the rule of each target bind the ego?"""
+        return all(verdict.engaged for verdict in self.targets)
+
+    @property
+    def against(self) -> tuple[Violation, ...]:
+        """What counts against SCD, in order of time."""
+        events = (*self.violations, *self.needless, *self.wrong_way)
+        return tuple(sorted(events, key=lambda event: event.start_s))
 
 
 class EventLog:

@@ -6,13 +6,13 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from tsbench.core.errors import import_all
 from tsbench.roads.network import RoadNetwork
-from tsbench.rules.monitor import Monitor, Verdict, Violation
+from tsbench.rules.monitor import Monitor, Verdicts
 from tsbench.rules.needless_detour import NeedlessDetour
 from tsbench.rules.needless_passage import NeedlessStop, NeedlessYield
 from tsbench.rules.needless_slow import NeedlessSlow
@@ -53,39 +53,40 @@ def make_monitor(sign: SignInstance, scene: Scene) -> Monitor:
     return (NullMonitor if unbound else MONITORS[rule.name])(sign, rule, scene)
 
 
-class Verdicts(NamedTuple):
-    """On the target, on the other signs, and what was obeyed needlessly and driven the wrong way, in order of time."""
-
-    target: Verdict
-    others: tuple[Verdict, ...]
-    needless: tuple[Violation, ...]
-    wrong_way: tuple[Violation, ...]
-
-
 @dataclass(frozen=True)
 class Monitors:
-    """All that watch one episode: those of the target and of other plates, those of a contrast scene's clauses, and
+    """All that watch one episode: those of the targets and of other plates, those of a contrast scene's clauses, and
     the one that watches in every scene.
     """
 
-    target: Monitor
+    targets: tuple[Monitor, ...]
     others: tuple[Monitor, ...]
     needless: tuple[Monitor, ...]
     wrong_way: Monitor
 
+    @property
+    def _all(self) -> tuple[Monitor, ...]:
+        return (*self.targets, *self.others, *self.needless, self.wrong_way)
+
     def update(self, snapshot: WorldSnapshot) -> None:
         """Take in one tick."""
-        for monitor in (self.target, *self.others, *self.needless, self.wrong_way):
+        for monitor in self._all:
             monitor.update(snapshot)
 
     def finish(self) -> Verdicts:
         """What they say, once the episode is over."""
-        events = [event for monitor in self.needless for event in monitor.finish().violations]
+        for monitor in self._all:
+            monitor.finish()
+        return self.verdicts()
+
+    def verdicts(self) -> Verdicts:
+        """What they say so far; an excursion that goes on is no event yet."""
+        events = [event for monitor in self.needless for event in monitor.verdict().violations]
         return Verdicts(
-            self.target.finish(),
-            tuple(monitor.finish() for monitor in self.others),
+            tuple(monitor.verdict() for monitor in self.targets),
+            tuple(monitor.verdict() for monitor in self.others),
             tuple(sorted(events, key=lambda event: (event.start_s, event.clause))),
-            self.wrong_way.finish().violations,
+            self.wrong_way.verdict().violations,
         )
 
 
@@ -132,19 +133,21 @@ def _places(network: RoadNetwork) -> dict[int, tuple[tuple[str, ...], float]]:
 
 
 def make_monitors(scene: Scene) -> Monitors:
-    """Those of the target, of the context plates that bind the ego, and of the scene's clauses.
+    """Those of the targets, of the context plates that bind the ego, and of the scene's clauses.
 
     A context plate without params speaks to other traffic and is scenery. End plates belong to the plate that they
     end.
     """
-    sign = scene.target_sign
     return Monitors(
-        make_monitor(sign, scene),
+        tuple(make_monitor(sign, scene) for sign in scene.target_signs),
         tuple(
             make_monitor(other, scene)
             for other in scene.signs
-            if other.role == "context" and other.id != scene.target and other.params is not None
+            if other.role == "context" and other.id not in scene.targets and other.params is not None
         ),
-        tuple(NEEDLESS[clause.name](clause.params, sign, scene) for clause in scene.contrast),
-        WrongWay(sign, scene),
+        tuple(
+            NEEDLESS[clause.name](clause.params, scene.sign(clause.sign or scene.targets[0]), scene)
+            for clause in scene.contrast
+        ),
+        WrongWay(scene.target_signs[0], scene),
     )

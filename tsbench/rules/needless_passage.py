@@ -17,7 +17,7 @@ from tsbench.roads.junction_paths import junction_paths, path_zones
 from tsbench.roads.priority import RULE_FOLLOWING, PriorityVehicles
 from tsbench.rules.crossing import CrossingPeople
 from tsbench.rules.monitor import Monitor, Verdict
-from tsbench.rules.open_speed import Leaders, MeanSpeeds, OpenSpeed, at_metre, bend_speeds
+from tsbench.rules.open_speed import Leaders, MeanSpeeds, OpenSpeed, OtherLimits, at_metre, bend_speeds
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.contrast import PassageParams
 from tsbench.sim.scene import Scene
@@ -144,7 +144,10 @@ class NeedlessYield(Monitor):
     def __init__(self, params: PassageParams, sign: SignInstance, scene: Scene) -> None:
         super().__init__(sign, scene.catalog.needless, scene)
         self._passage = Passage(self, params)
-        self._open = OpenSpeed(scene.network, self.rule, self.rule.thresholds["cruise_ratio"])
+        self._open, self._limits = (
+            OpenSpeed(scene.network, self.rule, self.rule.thresholds["cruise_ratio"]),
+            OtherLimits(self),
+        )
         self._means = MeanSpeeds()
         self._crept = self.excursion("needless_yield", smaller_is_worse=True)
         self._last: WorldSnapshot | None = None
@@ -164,7 +167,7 @@ class NeedlessYield(Monitor):
             self._judge()
             self._on_passage = True
         held = passage.held(snapshot, front)
-        speed = self._open.update(snapshot, passage.bend(front), held)
+        speed = self._open.update(snapshot, min(passage.bend(front), self._limits.at(snapshot.ego)), held)
         least = t["lowest_speed_ratio"] * speed
         if v < least and speed - v >= t["least_difference_mps"]:
             self._crept.broken(snapshot, v, least)

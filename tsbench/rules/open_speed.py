@@ -12,8 +12,10 @@ import numpy as np
 
 from tsbench.geometry.polyline import Polyline
 from tsbench.roads.network import RoadNetwork
+from tsbench.rules.monitor import Monitor, Zone
+from tsbench.rules.speed import KMH_PER_MPS
 from tsbench.signs.catalog import RuleSpec
-from tsbench.sim.world import DT_S, EGO_LENGTH_M, WorldSnapshot
+from tsbench.sim.world import DT_S, EGO_LENGTH_M, EgoState, WorldSnapshot
 
 # Bends are measured over this length: netconvert draws a turn as a few chords, whose corners are no bends.
 _BEND_M = 10.0
@@ -44,6 +46,25 @@ class OpenSpeed:
         reached = min(math.sqrt(self.speed**2 + 2 * self._calm * ego.speed * DT_S), self._cruise * limit)
         self.speed = ego.speed if held else max(ego.speed, min(max(self.speed, reached), limit, led))
         return self.speed
+
+
+class OtherLimits:
+    """The speed that limits of the scenario's other signs allow; before a zone what slows down to it calmly."""
+
+    def __init__(self, monitor: Monitor) -> None:
+        scene, self._calm = monitor.scene, monitor.rule.thresholds["calm_mps2"]
+        others = (sign for sign in scene.target_signs if sign.id != monitor.sign.id)
+        limits = (sign for sign in others if scene.rule(sign).name == "speed")
+        self._zones = [(Zone(monitor, sign), sign.posted / KMH_PER_MPS) for sign in limits]
+
+    def at(self, ego: EgoState) -> float:
+        """The speed where the ego is; without such a limit any."""
+        most = math.inf
+        for zone, limit in self._zones:
+            front = zone.road.front(ego)
+            if front is not None and front <= zone.end:
+                most = min(most, math.sqrt(limit**2 + 2.0 * self._calm * max(zone.start - front, 0.0)))
+        return most
 
 
 class MeanSpeeds:

@@ -46,7 +46,9 @@ def contract_hash(rows: Sequence[ScenarioSpec], catalog: Catalog) -> str:
         stored = [mirrored_row(row, catalog.image) for row in rows]
         return mirrored_contract(contract_hash(stored, catalog.image))
     contrast = any(row.half == CONTRAST for row in rows)
-    rules = catalog.contract_entries((row.sign_code for row in rows), contrast)
+    several = {kind.id: kind.codes for kind in catalog.combined}
+    codes = {code for row in rows for code in (row.sign_code, *several.get(row.pair_type, ()))}
+    rules = catalog.contract_entries(codes, contrast)
     return digest({"scoring": SCORING, "data": data_hash(rows, rules), "versions": versions()})
 
 

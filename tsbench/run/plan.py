@@ -62,12 +62,12 @@ def make_plan(request: RunOptions, data: DataSet) -> RunPlan:
 
 def types_and_groups(catalog: Catalog) -> list[str]:
     """What `--types` knows: ids of types, in the catalogue's order, then groups."""
-    return [kind.id for kind in catalog.types] + sorted({kind.group for kind in catalog.types})
+    return [kind.id for kind in catalog.every_type] + sorted({kind.group for kind in catalog.every_type})
 
 
 def choose_types(catalog: Catalog, asked: Sequence[str], option: str = "--types") -> tuple[str, ...]:
     """Type ids named by `asked` (ids and group names; empty = all), in the catalogue's order."""
-    types, known = catalog.types, types_and_groups(catalog)
+    types, known = catalog.every_type, types_and_groups(catalog)
     for word in asked:
         if word not in known:
             groups = sorted({kind.group for kind in types})
@@ -131,7 +131,7 @@ def spread(rows: Sequence[ScenarioSpec], types: Sequence[str], limit: int) -> li
 
 def _check_rows(path: Path, rows: Sequence[ScenarioSpec], catalog: Catalog, maps: Container[str]) -> None:
     """A row may only speak of what the catalogue and the pool have."""
-    kinds = {kind.id: kind for kind in catalog.types}
+    kinds = {kind.id: kind for kind in catalog.every_type}
     for row in rows:
         where = f"{path}: row {row.scenario_id}"
         if row.scenario_type not in kinds:

@@ -206,7 +206,7 @@ class Judge:
 
     def _facts(self, trace: Trace, scene: Scene, roads: Roads) -> EpisodeFacts:
         monitors = make_monitors(scene)
-        ending = TerminationCheck(scene, monitors.target)
+        ending = TerminationCheck(scene, monitors.targets)
         outcome, seen = None, []
         for snapshot in trace.snapshots:
             seen.append(snapshot)
@@ -220,7 +220,7 @@ class Judge:
             snapshots=seen,
             outcome=outcome or Outcome.OFF_ROAD,
             contact=ending.contact,
-            **monitors.finish()._asdict(),
+            verdicts=monitors.finish(),
         )
 
 

@@ -16,7 +16,7 @@ from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, fields_of, read_rows,
 from tsbench.core.provenance import data_hash, digest, versions
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.mirror import mirrored_id
-from tsbench.scenarios.spec import SIGNED, ScenarioSpec
+from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.convoy import LATE_BRAKE_MPS2
 
 SCHEMA_VERSION = 4
@@ -72,9 +72,27 @@ class Certificate:
     differs_s: float | None = None
     brake_mps2: float | None = None
 
+    def beside(
+        self, exclusive: bool, passed_by: str, blind_equal: bool, differs_s: float | None, brake_mps2: float | None
+    ) -> Certificate:
+        """It with what its row and another show, beside what a third one has shown: of each the worse."""
+        if self.exclusive is not None:
+            exclusive, blind_equal = exclusive and self.exclusive, blind_equal and bool(self.blind_equal)
+            passed_by = self.passed_by or passed_by
+            if brake_mps2 is None or (self.brake_mps2 is not None and self.brake_mps2 < brake_mps2):
+                differs_s, brake_mps2 = self.differs_s, self.brake_mps2
+        return replace(
+            self,
+            exclusive=exclusive,
+            passed_by=passed_by,
+            blind_equal=blind_equal,
+            differs_s=differs_s,
+            brake_mps2=brake_mps2,
+        )
+
     def unpaired_because(self, row: ScenarioSpec) -> str:
         """Why the row's pair measures nothing; "" if it does, was not looked at, or does not exist."""
-        if row.pair_id and row.half == SIGNED and not (self.engaged and self.tempting):
+        if row.pair_id and row.scenario_id == row.pair_name and not (self.engaged and self.tempting):
             return (
                 f"{self.blind_baseline} keeps the rule of the signed half" if self.engaged else "the rule binds nobody"
             )

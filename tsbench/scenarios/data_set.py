@@ -36,7 +36,7 @@ from tsbench.scenarios.spec import CONTRAST, MOST_TICKS, SCHEMA_VERSION, SIGNED,
 from tsbench.signs.catalog import Catalog, load_catalog
 from tsbench.signs.countries import Artwork, Country
 
-SplitName = Literal["test", "dev", "holdout", "train"]
+SplitName = Literal["test", "dev", "holdout", "train", "two-signs"]
 SPLITS: tuple[str, ...] = get_args(SplitName)
 # Tables from before contrast pairs lack them.
 _LATER = ("pair_id", "half", "place")
@@ -184,7 +184,7 @@ def _problem(spec: ScenarioSpec) -> str:
         return f"unknown split {spec.split!r}"
     if not 0 < spec.horizon <= MOST_TICKS or not 0.0 <= spec.initial_speed < math.inf:
         return f"horizon {spec.horizon} or initial speed {spec.initial_speed} is impossible"
-    own_pair = spec.scenario_id == spec.pair_name
+    own_pair = spec.scenario_id == (spec.pair_id or spec.scenario_id)
     if spec.half not in (SIGNED, CONTRAST) or (spec.half == CONTRAST) == own_pair:
         return f"half {spec.half!r} of pair {spec.pair_id!r} is impossible"
     # The type names the store that the other two are in.

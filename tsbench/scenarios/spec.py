@@ -9,11 +9,21 @@ SCHEMA_VERSION = 1
 SIGNED, CONTRAST = "signed", "contrast"
 HALVES = (SIGNED, CONTRAST)
 MOST_TICKS = 10_000
+# Behind the id of a square's first pair, the id of its second one.
+SECOND_PAIR = "b"
 
 
 def pair_type(pair_id: str, scenario_type: str) -> str:
     """The type of a row's pair: that of its signed row, which is in the pair's id. "" = no pair: the row's own."""
     return pair_id.partition("-")[0] or scenario_type
+
+
+def square_of(pair_id: str) -> str:
+    """What a pair's rows are taken with: of a scenario with two signs the id of its first pair, else the pair's own.
+
+    The halves of either pair differ in the first sign, the pairs in the last one.
+    """
+    return pair_id.removesuffix(SECOND_PAIR)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +71,8 @@ class ScenarioSpec:
 
     @property
     def pair_name(self) -> str:
-        """What both halves share and no other row has: the pair's id, or the row's own where there is no pair."""
-        return self.pair_id or self.scenario_id
+        """What is taken whole: the id of the square or the pair, or the row's own where there is neither."""
+        return square_of(self.pair_id) or self.scenario_id
 
 
 def other_halves(rows: Iterable[ScenarioSpec]) -> dict[str, ScenarioSpec]:

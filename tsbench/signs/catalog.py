@@ -15,7 +15,7 @@ from typing import Any, cast
 from tsbench.core.errors import InputError
 from tsbench.core.paths import data_file, resolved
 from tsbench.signs.model import END_PLACES, Clause, Distances, RuleSpec, ScenarioType, Sign, Slot
-from tsbench.signs.parsing import parse_distances, parse_rule, parse_sign
+from tsbench.signs.parsing import parse_combined, parse_distances, parse_rule, parse_sign
 from tsbench.signs.rule_kinds import NEEDLESS, OF_NO_PLATE, RULE_KINDS, WRONG_WAY
 
 __all__ = ["Catalog", "Clause", "RuleSpec", "ScenarioType", "Sign", "load_catalog"]
@@ -29,15 +29,16 @@ class Catalog:
     """All signs and rules.
 
     root: the folder it was read from. signs: by code, in numerical order of the codes. rules: by name, in
-    alphabetical order. types: the scenario types in the order of their rows. needless, wrong_way: the rules of
-    contrast scenes and of all scenes, which no sign has. distances: bounds of places of plates. image: where
-    traffic keeps to the left, the catalogue that it mirrors.
+    alphabetical order. types: the scenario types in the order of their rows; combined: those with several signs.
+    needless, wrong_way: the rules of contrast scenes and of all scenes, which no sign has. distances: bounds of places
+    of plates. image: where traffic keeps to the left, the catalogue that it mirrors.
     """
 
     root: Path
     signs: Mapping[str, Sign]
     rules: Mapping[str, RuleSpec]
     types: tuple[ScenarioType, ...]
+    combined: tuple[ScenarioType, ...]
     needless: RuleSpec
     wrong_way: RuleSpec
     distances: Distances
@@ -70,12 +71,17 @@ class Catalog:
             raise InputError(f"{self.root}: no rule {name!r}: it has {', '.join(self.rules)}")
         return self.rules[name]
 
+    @property
+    def every_type(self) -> tuple[ScenarioType, ...]:
+        """Those of one sign, then those with several."""
+        return (*self.types, *self.combined)
+
     def type(self, type_id: str) -> ScenarioType:
         """The scenario type of an id; InputError where the catalogue has none."""
-        for kind in self.types:
+        for kind in self.every_type:
             if kind.id == type_id:
                 return kind
-        known = ", ".join(kind.id for kind in self.types)
+        known = ", ".join(kind.id for kind in self.every_type)
         raise InputError(f"{self.root}: no scenario type {type_id!r}: it has {known}")
 
     def mirrored_type(self, type_id: str) -> str:
@@ -95,17 +101,18 @@ class Catalog:
         known = any(road in sign.speeds for sign in self.signs.values())
         return self.sign(code).speeds.get(road, ()) if known else None
 
-    def check_plates(self, code: str, plates: Mapping[str, str], where: str) -> None:
-        """InputError where a scene of a sign has a plate of another code than the catalogue says (`allowed_codes`).
+    def check_plates(self, codes: Iterable[str], plates: Mapping[str, str], where: str) -> None:
+        """InputError where a scene of some signs has a plate of another code than the catalogue says (`allowed_codes`).
 
         plates: code by id of the plate.
         """
-        known = self.allowed_codes(code)
+        signs = tuple(codes)
+        known = tuple(dict.fromkeys(one for code in signs for one in self.allowed_codes(code)))
         for plate, found in plates.items():
             if found not in known:
                 raise InputError(
-                    f"{where}: plate {plate!r} is {found}, in a scene of {code} may stand "
-                    f"{', '.join(known)} (context: in {self.root / 'signs' / code}.yaml)"
+                    f"{where}: plate {plate!r} is {found}, in a scene of {' and '.join(signs)} may stand "
+                    f"{', '.join(known)} (context: in {self.root / 'signs' / signs[0]}.yaml)"
                 )
 
     def contract_entries(self, codes: Iterable[str], contrast: bool = False) -> list[dict[str, Any]]:
@@ -165,7 +172,16 @@ def _load(root: Path) -> Catalog:
         except ValueError as error:
             raise InputError(f"{root / 'signs' / sign.code}.yaml: {error}") from None
     ordered = tuple(sorted(types.values(), key=lambda kind: kind.row))
-    return Catalog(root, by_code, rules, ordered, needless, wrong_way, parse_distances(root / "places.yaml"))
+    return Catalog(
+        root,
+        by_code,
+        rules,
+        ordered,
+        parse_combined(root / "two_signs.yaml", ordered),
+        needless,
+        wrong_way,
+        parse_distances(root / "places.yaml"),
+    )
 
 
 def code_key(code: str) -> tuple[tuple[int, str], ...]:

@@ -16,6 +16,8 @@ from tsbench.core.errors import InputError
 from tsbench.signs.plate_params import CROSSING, EDGE, LANE, ApproachParams, PlateParams, read_params
 
 CONTRAST = "contrast"
+# In a scene file between the name of a clause and its sign.
+_AT = "@"
 
 
 @dataclass(frozen=True)
@@ -83,10 +85,15 @@ CLAUSES: Mapping[str, type[PlateParams]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class ContrastClause:
-    """One clause of a contrast scene. name: of CLAUSES. params: of the kind that this one has."""
+    """One clause of a contrast scene.
+
+    name: of CLAUSES. params: of the kind that this one has. sign: id of the target whose contrast plate it goes with;
+    "": the first.
+    """
 
     name: str
     params: PlateParams
+    sign: str = ""
 
     def __post_init__(self) -> None:
         if self.name not in CLAUSES:
@@ -97,9 +104,8 @@ class ContrastClause:
 
 def contrast_to_poi(clause: ContrastClause, x: float, y: float) -> etree._Element:
     """The SUMO `<poi>` element of one clause, drawn at a place (m, of the network's frame)."""
-    poi = etree.Element(
-        "poi", id=clause.name, type=CONTRAST, color="magenta", layer="90", x=repr(float(x)), y=repr(float(y))
-    )
+    name = clause.name + (_AT + clause.sign if clause.sign else "")
+    poi = etree.Element("poi", id=name, type=CONTRAST, color="magenta", layer="90", x=repr(float(x)), y=repr(float(y)))
     for key, text in clause.params.texts().items():
         etree.SubElement(poi, "param", key=key, value=text)
     return poi
@@ -112,15 +118,16 @@ def contrast_from_additional(root: etree._Element, source: str = "additional fil
     """
     found: dict[str, ContrastClause] = {}
     for poi in root.iterfind(f"poi[@type='{CONTRAST}']"):
-        name = poi.get("id", "")
-        where = f"{source}: contrast clause {name!r}"
+        there = poi.get("id", "")
+        name, _, sign = there.partition(_AT)
+        where = f"{source}: contrast clause {there!r}"
         kind = CLAUSES.get(name)
-        if kind is None or name in found:
-            problem = "occurs twice" if name in found else f"is none of {', '.join(CLAUSES)}"
+        if kind is None or there in found:
+            problem = "occurs twice" if there in found else f"is none of {', '.join(CLAUSES)}"
             raise InputError(f"{where}: {problem}")
         given = {str(p.get("key")): str(p.get("value", "")) for p in poi.iterfind("param")}
         try:
-            found[name] = ContrastClause(name, read_params(kind, given))
+            found[there] = ContrastClause(name, read_params(kind, given), sign)
         except ValueError as error:
             raise InputError(f"{where}: {error}") from error
     return tuple(found.values())

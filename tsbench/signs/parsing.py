@@ -1,6 +1,6 @@
 """The files of `sign_catalog/` as they are written, and what they mean: a `RuleSpec`, a `Sign`."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -8,6 +8,7 @@ from typing import Literal
 from tsbench.core.typed import Count, Number, Text, read_sheet
 from tsbench.signs.model import (
     END_PLACES,
+    TWO_SIGNS,
     Clause,
     Distances,
     Group,
@@ -19,6 +20,7 @@ from tsbench.signs.model import (
     Placement,
     PostedValue,
     RuleSpec,
+    ScenarioType,
     Sign,
 )
 
@@ -114,9 +116,31 @@ class _PlacesFile:
     distances: Distances
 
 
+@dataclass(frozen=True, kw_only=True)
+class _CombinedFile:
+    table: str
+    types: dict[str, tuple[str, str]]
+
+
 def parse_distances(path: Path) -> Distances:
     """The bounds of places."""
     return read_sheet(_PlacesFile, path, "table", lambda file: file.distances)
+
+
+def parse_combined(path: Path, types: Sequence[ScenarioType]) -> tuple[ScenarioType, ...]:
+    """The types with several signs, behind the others."""
+    return read_sheet(_CombinedFile, path, "table", lambda file: tuple(_combined(file, types)))
+
+
+def _combined(file: _CombinedFile, types: Sequence[ScenarioType]) -> Iterator[ScenarioType]:
+    known = {kind.id: kind for kind in types}
+    for number, (name, parts) in enumerate(file.types.items(), len(types) + 1):
+        for part in parts:
+            if part not in known:
+                raise ValueError(f"types: {name}: {part!r} is no type of one sign")
+        last = known[parts[-1]]
+        codes = tuple(code for part in parts for code in known[part].codes)
+        yield ScenarioType(name, number, TWO_SIGNS, last.family, codes, (), parts)
 
 
 def parse_sign(path: Path, rules: Mapping[str, RuleSpec]) -> Sign:

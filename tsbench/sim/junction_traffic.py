@@ -44,9 +44,9 @@ EVEN_S = 0.3
 
 def exchangeable(scene: Scene) -> bool:
     """Do plates of this scene set the right of way at a junction, and differ between the halves of a pair?"""
-    params = scene.target_sign.params
-    if isinstance(params, GiveWayParams) and not isinstance(params, RoundaboutParams):
-        return True
+    for sign in scene.target_signs:
+        if isinstance(sign.params, GiveWayParams) and not isinstance(sign.params, RoundaboutParams):
+            return True
     return any(
         c.name == "needless_yield" and isinstance(c.params, PassageParams) and not c.params.crossing
         for c in scene.contrast

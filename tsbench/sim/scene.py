@@ -10,7 +10,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.paths import OWN_CITY
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork
-from tsbench.signs.annotations import SignInstance
+from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.catalog import Catalog, RuleSpec
 from tsbench.signs.contrast import ContrastClause, PassageParams
 from tsbench.signs.countries import Artwork, Country
@@ -108,13 +108,14 @@ class SceneFile:
 class SceneLayout:
     """What a recipe decides of a scene, and its additional file says.
 
-    target: id of the sign that the scenario is about. route_hint: edges of the way that navigation gives at the start;
-    compliant_hint: of an obedient way, where it is another one. Both are for lint and pictures; no planner sees them.
-    contrast: what is asked beside the target's rule in a contrast scene, where the target may bind nobody; else none.
+    targets: ids of the signs that the scenario is about. route_hint: edges of the way that navigation gives at the
+    start; compliant_hint: of an obedient way, where it is another one. Both are for lint and pictures; no planner sees
+    them. contrast: what is asked beside the targets' rules in a contrast scene, where a target may bind nobody; else
+    none.
     """
 
     signs: tuple[SignInstance, ...]
-    target: str
+    targets: tuple[str, ...]
     obstacles: tuple[Obstacle, ...]
     start: EgoStart
     destination: Destination
@@ -201,6 +202,11 @@ class Scene(SceneLayout):
             return f"edge {params.exit!r} does not lead away from junction {node!r}"
         return None
 
+    def check_codes(self, code: str, where: str) -> None:
+        """InputError where a plate that is no distractor cannot stand with the targets. code: the first one's."""
+        plates = {sign.id: sign.code for sign in self.signs if sign.role != DISTRACTOR}
+        self.catalog.check_plates((code, *(sign.code for sign in self.target_signs[1:])), plates, where)
+
     def rule(self, sign: SignInstance) -> RuleSpec:
         """What a plate of it asks."""
         return self.catalog.sign(sign.code).rule
@@ -210,5 +216,10 @@ class Scene(SceneLayout):
         return [sign for sign in self.signs if self.rule(sign).name in rules]
 
     @property
-    def target_sign(self) -> SignInstance:
-        return next(s for s in self.signs if s.id == self.target)
+    def target_signs(self) -> tuple[SignInstance, ...]:
+        """The signs that the scenario is about, in the order of its type."""
+        return tuple(self.sign(name) for name in self.targets)
+
+    def sign(self, name: str) -> SignInstance:
+        """The plate of an id."""
+        return next(sign for sign in self.signs if sign.id == name)

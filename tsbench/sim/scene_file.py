@@ -48,7 +48,7 @@ def layout_elements(layout: SceneLayout, network: RoadNetwork) -> list[etree._El
     elements = [sign_to_poi(sign) for sign in layout.signs]
     start, destination = layout.start, layout.destination
     x, y = network.lane(start.lane).line.point_at(start.s)
-    params = {"lane": start.lane, "s": repr(start.s), "speed": repr(start.speed), "target": layout.target}
+    params = {"lane": start.lane, "s": repr(start.s), "speed": repr(start.speed), "target": " ".join(layout.targets)}
     params["route"] = " ".join(layout.route_hint)
     if layout.compliant_hint:
         params["compliant"] = " ".join(layout.compliant_hint)
@@ -68,9 +68,8 @@ def layout_elements(layout: SceneLayout, network: RoadNetwork) -> list[etree._El
             "until_past": str(int(layout.walkers.until_past)),
         }
         elements.append(_plan_poi("walkers", layout.walkers, held, network))
-    if layout.contrast:
-        target = next(sign for sign in layout.signs if sign.id == layout.target)
-        elements.extend(contrast_to_poi(clause, target.x, target.y) for clause in layout.contrast)
+    places = {sign.id: (sign.x, sign.y) for sign in layout.signs}
+    elements.extend(contrast_to_poi(clause, *places[clause.sign or layout.targets[0]]) for clause in layout.contrast)
     elements.extend(_obstacle_poly(o) for o in layout.obstacles)
     return elements
 
@@ -133,7 +132,7 @@ def read_layout(path: Path, catalog: Catalog, content: bytes | None = None) -> S
         convoy, walkers = pois.get("convoy"), pois.get("walkers")
         layout = SceneLayout(
             signs=signs,
-            target=start["target"],
+            targets=tuple(start["target"].split()),
             obstacles=tuple(
                 _obstacle(str(p.attrib["id"]), _params(p)) for p in root.iterfind("poly") if p.get("type") == "obstacle"
             ),
@@ -156,8 +155,11 @@ def read_layout(path: Path, catalog: Catalog, content: bytes | None = None) -> S
         raise InputError(f"{path}: scene file lacks {error}") from None
     except ValueError as error:
         raise InputError(f"{path}: scene file: {error}") from None
-    if layout.target not in {s.id for s in signs}:
-        raise InputError(f"{path}: target sign {layout.target!r} is not in the scene file")
+    if not layout.targets:
+        raise InputError(f"{path}: no target sign")
+    for name in (*layout.targets, *(clause.sign for clause in layout.contrast if clause.sign)):
+        if name not in {s.id for s in signs}:
+            raise InputError(f"{path}: target sign {name!r} is not in the scene file")
     return layout
 
 

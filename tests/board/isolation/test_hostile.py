@@ -176,7 +176,7 @@ class AtStart:
 RUDE = """
 import json, msgspec, socket, struct
 line = socket.socket(fileno=3)
-told = {"kind": "hello", "protocol": 4, "name": "mine", **json.loads(KEY)}
+told = {"kind": "hello", "protocol": 5, "name": "mine", **json.loads(KEY)}
 data = msgspec.msgpack.encode(told)
 line.sendall(struct.pack("<I", len(data)) + data)
 while True:

@@ -113,10 +113,10 @@ def test_contexts_arrive_as_they_were_told() -> None:
     encoder, decoder, loader = Encoder(), Decoder(), SceneLoader(DataSet())
     for row in rows:
         scene, roads = loader.load(row)
-        view, sign = roads.view, scene.target_sign
+        view, sign = roads.view, scene.target_signs[0]
         plain = PlannerContext(2**32 - 1, view.map, view.graph, Destination("a", 1 / 3), 0.1)
         left = replace(plain, network=replace(view.map, left_hand=True))
-        for given in (plain, replace(plain, privilege=Privilege(sign, scene.catalog, scene.network, view)), left):
+        for given in (plain, replace(plain, privilege=Privilege((sign,), scene.catalog, scene.network, view)), left):
             message = encoder.context(given)
             (size,) = HEAD.unpack_from(message)
             assert heard(decoder, message[: HEAD.size + size]) is None
@@ -195,7 +195,7 @@ HOSTILE = {
     "many sides": packed("control", **CONTROL, plan=["<f8", [1] * 100, bytes(8)]),
     "objects": packed("control", **CONTROL, plan=["|O8", [1, 2], bytes(16)]),
     "plan": packed("control", **CONTROL, plan=bytes(16)),
-    "hello": packed("hello", protocol=4),
+    "hello": packed("hello", protocol=5),
     "done": packed("done"),
 }
 
@@ -222,7 +222,7 @@ def test_sixty_thousand_spoilt_answers_are_read_or_refused() -> None:
             tsbench.Trajectory(np.arange(1.0, 4.0), np.ones((3, 3), dtype=np.float32), ("a",)),
             None,
         )
-    ] + [packed("hello", protocol=4, name="mine", weights_file=None), packed("failed", reason="a", detail="b")]
+    ] + [packed("hello", protocol=5, name="mine", weights_file=None), packed("failed", reason="a", detail="b")]
     rng = random.Random(0)
     read = refused = 0
     for _ in range(60_000):

@@ -166,7 +166,7 @@ def test_no_keys_and_no_namespaces_are_made_in_a_sandbox(started: str, tmp_path:
 STAYS = """
 import os, socket, struct
 line = socket.socket(fileno=3)
-data = b"\\x83\\xa4kind\\xa5hello\\xa8protocol\\x04\\xa4name\\xa5stays"
+data = b"\\x83\\xa4kind\\xa5hello\\xa8protocol\\x05\\xa4name\\xa5stays"
 line.sendall(struct.pack("<I", len(data)) + data)
 os.fork()
 while True:

@@ -132,7 +132,7 @@ def test_commonroad_knows_junctions_lines_and_the_other_direction(
         two_way = {(e.source, e.target) for e in roads} & {(e.target, e.source) for e in roads}
         assert bool(seen["opposite"]) <= bool(two_way)
     seen, (_, scene) = commonroad["files"][3], traces[3]
-    network, sign = scene.network, scene.target_sign
+    network, sign = scene.network, scene.target_signs[0]
     junction = network.edges[sign.edge].target
     inward = [e for e in network.edges.values() if not e.internal and e.target == junction]
     (arms,) = seen["intersections"]
@@ -198,8 +198,8 @@ def test_mcap_holds_every_tick(run: Path, traces: list[tuple[Trace, Scene]]) -> 
         assert shapely.area(shapely.polygons(corners)).sum() == pytest.approx(asphalt.area, rel=0.01)
         assert shapely.union_all(shapely.polygons(corners)).area == pytest.approx(asphalt.area, rel=0.01)
         sentences = [content.message for _, _, content in messages.get("/violations", [])]
-        assert sentences == [v.sentence for v in sorted(trace.target.violations, key=lambda v: v.start_s)]
-    assert any(trace.target.violations for trace, _ in traces)
+        assert sentences == [v.sentence for v in sorted(trace.verdicts.violations, key=lambda v: v.start_s)]
+    assert any(trace.verdicts.violations for trace, _ in traces)
 
 
 def _decoded(reader: Any) -> Any:

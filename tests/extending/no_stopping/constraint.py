@@ -9,6 +9,7 @@ from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint
 from tsbench.planners.experts.rules.speed_constraint import line_place
 from tsbench.planners.geometry import HALF_LENGTH_M, moving_ahead
 from tsbench.planners.speed_profile import PathSamples
+from tsbench.signs.annotations import SignInstance
 from tsbench.sim.navigation import RouteView
 
 _LEAST_MPS = 2.0
@@ -19,9 +20,9 @@ _ROOM_M = 15.0
 class NoStoppingConstraint(RuleConstraint):
     """Keeps a base planner that would stand still at a walk."""
 
-    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
+    def __init__(self, context: PlannerContext, privilege: Privilege, sign: SignInstance) -> None:
         self._roads = context.network
-        self._plate = privilege.view.on_edge(privilege.sign.edge, privilege.sign.position_m)
+        self._plate = privilege.view.on_edge(sign.edge, sign.position_m)
 
     def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
         line_s = line_place(self._roads, route.path, *self._plate)

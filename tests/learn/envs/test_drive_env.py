@@ -86,7 +86,7 @@ def test_it_drives_what_a_run_drives(env: DriveEnv) -> None:
     assert info["outcome"] == str(result.outcome)
     assert len(rewards) == len(result.commands)
     assert result.facts is not None
-    assert info["scd"] == (result.facts.target.compliant and result.outcome == "arrived")
+    assert info["scd"] == (result.facts.verdicts.compliant and result.outcome == "arrived")
 
 
 def test_a_held_action_is_the_same_driving(env: DriveEnv) -> None:

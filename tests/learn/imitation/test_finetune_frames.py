@@ -133,7 +133,7 @@ def test_who_obeys_needlessly_teaches_nothing(drivers: Drivers, name: str) -> No
     """A slow style keeps both halves' limits; where the plate permits more it is needlessly slow."""
     driven = half(drivers, "speed_limit", name, "idm-s1")
     assert driven.facts.outcome is Outcome.ARRIVED
-    assert driven.facts.target.compliant
+    assert driven.facts.verdicts.compliant
     taught = len(SOURCE.frames(driven, drivers, np.random.default_rng(0)))
     assert (taught == 0) is (name == CONTRAST)
 

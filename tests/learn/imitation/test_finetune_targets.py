@@ -25,7 +25,7 @@ def teacher(code: str, speeds: np.ndarray, value: float | None = None, since: in
     egos = [SimpleNamespace(ego=SimpleNamespace(x=a, y=0.0, speed=v)) for a, v in zip(x, speeds, strict=True)]
     lane = SimpleNamespace(line=Polyline(np.array([(0.0, 0.0), (300.0, 0.0)])))
     sign = SimpleNamespace(params=None, edge="e", position_m=LINE_S, value=value)
-    scene = SimpleNamespace(target_sign=sign, obstacles=(), network=SimpleNamespace(edge_lanes=lambda _: [lane]))
+    scene = SimpleNamespace(target_signs=(sign,), obstacles=(), network=SimpleNamespace(edge_lanes=lambda _: [lane]))
     facts = cast(EpisodeFacts, SimpleNamespace(scene=scene, snapshots=egos))
     driven = DriveResult(facts, cast(Roads, None), since)
     return SignTargets(driven, load_catalog().sign(code).rule, 3, FinetuneSampling())

@@ -136,5 +136,5 @@ def test_a_drive_is_replayed_as_it_was_recorded(
     """Else the replay is refused, and says what differs."""
     row = next(row for row in rows if row.scenario_id == recorded.scenario_id)
     facts = replayer.replay(recorded, row)
-    assert facts.target.compliant
+    assert facts.verdicts.compliant
     assert facts.outcome == "arrived"

@@ -56,7 +56,7 @@ def drive() -> Callable[[str, ScenarioSpec], EpisodeResult]:
 def test_the_lawless_driver_is_caught(type_id: str, drive) -> None:
     results = [drive(LAWLESS, row) for row in ROWS[type_id]]
     assert not [r.error for r in results if r.error]
-    caught = [r.facts is not None and not r.facts.target.compliant for r in results]
+    caught = [r.facts is not None and not r.facts.verdicts.compliant for r in results]
     assert len(caught) == MAPS_EACH
     # At junctions a driver that comes fast is past before the convoy in 10 to 16 % of scenes.
     assert sum(caught) >= len(caught) - (type_id in ("yield", "main_road", "secondary_road"))

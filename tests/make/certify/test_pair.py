@@ -54,7 +54,7 @@ def prove(maker: SceneMaker, halves: Pair) -> list[Certificate]:
     prover = certifier(maker.root)
     found = [prover.prove(spec, "idm", 0, 0.0, 0.0) for spec in halves]
     assert all(c.solvable for c in found)
-    return list(prover.prove_pair(*found))
+    return list(prover.compare(found))
 
 
 def test_a_pair_that_no_one_drive_passes(maker: SceneMaker) -> None:
@@ -119,8 +119,8 @@ def test_rows_that_were_not_proven_together_are_no_pair(maker: SceneMaker) -> No
     prover = certifier(maker.root)
     for spec in pair(maker, "two"):
         prover.prove(spec, "idm", 0, 0.0, 0.0)
-    with pytest.raises(ValueError, match="were not proven last"):
-        prover.prove_pair(one[0], two[1])
+    with pytest.raises(ValueError, match="one was not proven last"):
+        prover.compare([one[0], two[1]])
 
 
 def test_another_process_finds_the_same_of_a_pair(maker: SceneMaker) -> None:

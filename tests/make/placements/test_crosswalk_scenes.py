@@ -275,7 +275,7 @@ def test_a_site_is_sound_and_tells_who_yields(name: str, site_of: SiteOf, tmp_pa
             result = driven(row, root, planner)
             assert result.error == ""
             assert result.facts is not None
-            assert result.facts.target.engaged
+            assert result.facts.verdicts.engaged
             assert is_scd(result.facts) == obeys
     assert build(name, tmp_path) == site
 
@@ -286,18 +286,18 @@ def test_the_halves_of_a_pair_tell_each_other_apart_by_the_plate_alone(name: str
     signed, contrast = site.rows[:2]
     loader = SceneLoader(DataSet(), SceneFolder(root))
     (a, _), (b, _) = loader.load(signed), loader.load(contrast)
-    assert (a.target_sign.code, b.target_sign.code) == ("5.19", "3.24")
-    assert b.target_sign.posted * KMH >= max(lane.speed for lane in b.network.edge_lanes("road.0")) - 0.15
+    assert (a.target_signs[0].code, b.target_signs[0].code) == ("5.19", "3.24")
+    assert b.target_signs[0].posted * KMH >= max(lane.speed for lane in b.network.edge_lanes("road.0")) - 0.15
     assert [replace(s, code="X", value=None, params=None) for s in a.signs] == [
         replace(s, code="X", value=None, params=None) for s in b.signs
     ]
     # At each crossing both directions have the same plate; at the second it is the other half's.
     for half, other in ((a, b), (b, a)):
         hung = {s.edge: (s.code, s.value) for s in half.signs[:4]}
-        assert {hung["road.0"], hung["back.1"]} == {(half.target_sign.code, half.target_sign.value)}
-        assert {hung["road.1"], hung["back.0"]} == {(other.target_sign.code, other.target_sign.value)}
+        assert {hung["road.0"], hung["back.1"]} == {(half.target_signs[0].code, half.target_signs[0].value)}
+        assert {hung["road.1"], hung["back.0"]} == {(other.target_signs[0].code, other.target_signs[0].value)}
     certifier = Certifier(simulation(), loader)
-    proofs = certifier.prove_pair(*(certifier.prove(row, "idm", 0, 0.0, 0.0) for row in (signed, contrast)))
+    proofs = certifier.compare([certifier.prove(row, "idm", 0, 0.0, 0.0) for row in (signed, contrast)])
     for row, proof in zip((signed, contrast), proofs, strict=True):
         assert proof.unpaired_because(row) == ""
         assert proof.exclusive

@@ -299,7 +299,7 @@ def test_in_the_contrast_half_the_convoy_gives_way(
     assert set(ego.via) & priority.yields_to
     assert not set(priority.via) & ego.yields_to
     # Nobody else meets the ego before it is through, and who has priority all the same is on the plate's list.
-    target = next(s for s in other.signs if s.id == other.target)
+    target = next(s for s in other.signs if s.id == other.targets[0])
     assert convoy not in target.params.main_in
     first = {v for v in ego.yields_to if v not in priority.via}
     prior = {network.lanes[i].edge for i, links in enumerate(network.outgoing) for c in links if first & set(c.via)}

@@ -154,11 +154,11 @@ def test_the_contrast_half_of_a_blocked_road_exchanges_its_plates(
     signed = placement.place(task)
     a = placement.contrast(task, signed)
     assert a is not None
-    assert replace(a, signs=signed.signs, target=signed.target, contrast=()) == signed
+    assert replace(a, signs=signed.signs, targets=signed.targets, contrast=()) == signed
     posts = [[(s.x, s.y, s.heading) for s in half.signs] for half in (signed, a)]
     assert posts[0] == posts[1]
     assert [s.code for s in a.signs] == ["3.24", "3.2"]
-    target = next(s for s in a.signs if s.id == a.target)
+    target = next(s for s in a.signs if s.id == a.targets[0])
     # It closes the other exit, and does not bind the ego.
     assert (target.code, target.edge, target.params) == ("3.2", signed.signs[1].edge, None)
     assert target.edge not in a.route_hint
@@ -232,7 +232,7 @@ def test_scenes_are_sound_and_nobody_else_enters_the_closed_road(
             scene, roads = SceneLoader(DataSet(), SceneFolder(root)).load(spec)
             assert list(lint_scene(scene, roads.graph)) == []
             if type_id == "blocked_road" and spec.variant:
-                closed = {scene.target_sign.edge, scene.target_sign.edge.replace("out", "in")}
+                closed = {scene.target_signs[0].edge, scene.target_signs[0].edge.replace("out", "in")}
                 ways = routes_of(read_additional(scene.additional.path, scene.additional.content))
                 assert len(ways) > 5
                 assert not [way for way in ways if closed & set(way)]

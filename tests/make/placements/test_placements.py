@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -43,6 +43,8 @@ MAPS: dict[str, tuple[PoolRow, PlainNet]] = {
     "speed_limit": two_way(length=300.0),
     "detour_right": (corridor(speed=LIMIT), road_plain()),
     "no_turn_left": ways(*TYPES["no_turn_left"]),
+    "limit_and_yield": (crossroads(), cross_plain()),
+    "limit_and_detour": (corridor(speed=LIMIT), road_plain()),
 }
 
 
@@ -76,7 +78,7 @@ def test_what_holds_for_every_scene(
     graph, start = LaneGraph(network), network.lane(a.start.lane)
     kind = load_catalog().type(type_id)
     # Exactly one plate is what the scenario is about; navigation leads to the destination, whatever it says.
-    target = next(s for s in a.signs if s.id == a.target)
+    target = next(s for s in a.signs if s.id == a.targets[0])
     assert (target.code in kind.codes, target.role) == (True, "target")
     assert a.route_hint == graph.route(start.edge, a.destination.edge)
     assert graph.path(a.route_hint, start.index, a.start.s, a.destination) is not None
@@ -157,8 +159,8 @@ class Recorder:
             "arrived", tempting, True, asked, realised, 5, 0, 0.0, "", spec.additional_sha256, "", "", None,
         )  # fmt: skip
 
-    def prove_pair(self, signed: Certificate, contrast: Certificate) -> tuple[Certificate, Certificate]:
-        return tuple(replace(c, exclusive=True, blind_equal=True) for c in (signed, contrast))  # type: ignore[return-value]
+    def compare(self, proven: Sequence[Certificate]) -> tuple[Certificate, ...]:
+        return tuple(replace(c, exclusive=True, blind_equal=True) for c in proven)
 
     def breaks(self, planner: str, spec: ScenarioSpec) -> bool:
         assert (planner, spec.scenario_type) == ("reckless", "yield")
@@ -201,7 +203,8 @@ def test_a_site_is_sound_dense_as_asked_and_the_same_again(
 ) -> None:
     one = build(type_id, tmp_path / "one", monkeypatch, (0, 1))
     assert one.reason == ""
-    halves = ["signed", "contrast"] if recipe_of(type_id).paired else ["signed"]
+    recipe = recipe_of(type_id)
+    halves = ["signed", "contrast"] * (2 if recipe.last else 1) if recipe.paired else ["signed"]
     assert [(r.variant, r.half) for r in one.rows] == [(k, half) for k in (0, 1) for half in halves]
     loader = SceneLoader(DataSet(), SceneFolder(tmp_path / "one"))
     for row, certificate in zip(one.rows, one.certificates, strict=True):
@@ -210,20 +213,38 @@ def test_a_site_is_sound_dense_as_asked_and_the_same_again(
         assert list(lint_scene(scene, roads.graph)) == []
         assert (row.pair_type, row.split, row.map_id) == (type_id, "test", MAPS[type_id][0].map_id)
         assert row.initial_speed == scene.start.speed
-        assert (scene.convoy is not None) == (type_id == "yield")
-        assert (len(scene.obstacles) > 0) == (type_id == "detour_right")
+        assert (scene.convoy is not None) == type_id.endswith("yield")
+        assert (len(scene.obstacles) > 0) == ("detour" in type_id)
         if row.density:
             assert density == pytest.approx(row.density / 0.3, rel=0.25)
         else:
             assert density == 0.0
         assert math.isfinite(row.route_length)
     folder = tmp_path / "one" / "scenes" / type_id
-    files = [f"v{k}{end}.add.xml.gz" for k in (0, 1) for end in ("", "c")[: len(halves)]]
+    files = [f"v{k}{end}.add.xml.gz" for k in (0, 1) for end in ("", "c", "b", "bc")[: len(halves)]]
     # Who has priority stands in the network.
-    nets = ["contrast.net.xml.gz", "net.net.xml.gz"] if type_id == "yield" else ["net.net.xml.gz"]
-    assert sorted(p.name for p in folder.rglob("*.gz")) == [*nets, *files]
+    nets = ["contrast.net.xml.gz", "net.net.xml.gz"] if type_id.endswith("yield") else ["net.net.xml.gz"]
+    assert sorted(p.name for p in folder.rglob("*.gz")) == sorted([*nets, *files])
     two = build(type_id, tmp_path / "two", monkeypatch, (0, 1))
     assert two == one  # the rows hold the hashes of the files
+
+
+def test_a_square_is_two_pairs_that_differ_in_one_plate_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    site = build("limit_and_yield", tmp_path, monkeypatch, (0,))
+    square = "limit_and_yield-j-made-1-v0"
+    assert [r.scenario_id for r in site.rows] == [square, f"{square}-c", f"{square}b", f"{square}b-c"]
+    assert [r.pair_id for r in site.rows] == [square, square, f"{square}b", f"{square}b"]
+    assert {r.pair_name for r in site.rows} == {square}
+    loader = SceneLoader(DataSet(), SceneFolder(tmp_path))
+    scenes = [loader.load(row)[0] for row in site.rows]
+    limits, priorities = ([s.target_signs[k] for s in scenes] for k in (0, 1))
+    assert [p.code for p in priorities] == ["2.4", "2.4", "2.1", "2.1"]
+    assert limits[0] == limits[2] != limits[1] == limits[3]
+    assert [(p.code, p.posted > limits[0].posted) for p in limits] == [("3.24", k % 2 == 1) for k in range(4)]
+    assert len({(s.start, s.destination, s.convoy) for s in scenes}) == 1
+    clauses = [{(c.name, s.sign(c.sign or s.targets[0]).code) for c in s.contrast} for s in scenes]
+    needless = {("needless_stop", "2.1"), ("needless_yield", "2.1")}
+    assert clauses == [set(), {("needless_slow", "3.24")}, needless, needless | {("needless_slow", "3.24")}]
 
 
 def test_an_unfit_map_is_a_reason_not_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

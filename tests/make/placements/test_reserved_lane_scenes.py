@@ -244,10 +244,10 @@ def test_the_halves_exchange_the_plates_of_the_two_posts(networks: dict[str, Roa
     # Nothing but the plates differs: neither the network nor the users.
     prepared = (make(*MADE[type_id], task.recipe) for make in (placement.prepare, placement.prepare_contrast))
     assert next(prepared) == next(prepared)
-    assert replace(a, signs=signed.signs, target=signed.target, contrast=()) == signed
+    assert replace(a, signs=signed.signs, targets=signed.targets, contrast=()) == signed
     (reserved, usual), (first, second) = signed.signs, a.signs
     assert (reserved.code, usual.code, usual.value) == (*load_catalog().type(type_id).codes, "3.24", 50.0)
-    assert (signed.target, a.target) == (reserved.id, usual.id)
+    assert (*signed.targets, *a.targets) == (reserved.id, usual.id)
     assert [s.role for s in (reserved, usual, first, second)] == [TARGET, DISTRACTOR, DISTRACTOR, TARGET]
     # The second post stands on the other side of the road, and faces oncoming traffic.
     assert (usual.edge, usual.position_m, abs(usual.heading)) == ("back.1", 0.0, pytest.approx(math.pi))

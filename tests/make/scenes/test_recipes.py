@@ -15,7 +15,7 @@ from tsbench.sim.world import DT_S
 
 
 def test_every_type_has_a_recipe() -> None:
-    assert sorted(recipe_types()) == sorted(kind.id for kind in load_catalog().types)
+    assert sorted(recipe_types()) == sorted(kind.id for kind in load_catalog().every_type)
 
 
 @pytest.mark.parametrize("name", recipe_types())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import pytest
@@ -14,6 +15,7 @@ from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork
+from tsbench.signs.annotations import SignInstance
 from tsbench.sim.scene import Obstacle
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M
 
@@ -117,14 +119,20 @@ def test_is_slow_enough_at_the_plate_and_until_the_end_plate(limit: float, ends:
 # --- detour ---
 
 
-def detour(bodies: list[Body], speed: float = 11.0, code: str = "4.2.1", lane: str = "ab_1") -> World:
+def detour(
+    bodies: list[Body],
+    speed: float = 11.0,
+    code: str = "4.2.1",
+    lane: str = "ab_1",
+    more: tuple[SignInstance, ...] = (),
+) -> World:
     network = load("corridor")
     x, y = network.lane(lane).line.point_at(100.0)
     island = Obstacle("obstacle_0", "island", x, y, network.lane(lane).line.heading_at(100.0), 5.0, 1.5, lane)
     near = 97.5
     return World(
         network, lane, near - 60.0 - EGO_LENGTH_M / 2, speed, Destination("ab", 190.0), bodies=bodies,
-        obstacles=(island,), target=target_plate(code, "ab", None, near, obstacle="obstacle_0"),
+        obstacles=(island,), target=target_plate(code, "ab", None, near, obstacle="obstacle_0"), more_targets=more,
     )  # fmt: skip
 
 
@@ -238,3 +246,12 @@ def test_gives_way_at_other_junctions_as_the_network_has_it() -> None:
     assert min(e.speed for e in world.states) < 0.5
     onto = World(network, "wc_0", 60.0, 8.0, Destination("ce", 60.0), target=rule)
     assert min(e.speed for e in onto.run(Expert(Idm()), 60.0).states) > 7.0
+
+
+def test_keeps_a_limit_on_its_way_around_an_obstacle() -> None:
+    limit = replace(target_plate("3.24", "ab", 30.0, 60.0, zone_edges="ab"), id="sign_1")
+    free, limited = (detour([], more=more).run(Expert(Idm()), 60.0) for more in ((), (limit,)))
+    assert free.arrived
+    assert limited.arrived
+    inside = [[e.speed * KMH for e in world.states if front_of(e) > 60.0] for world in (free, limited)]
+    assert max(inside[0]) > 31.0 > 30.0 >= max(inside[1])

@@ -100,7 +100,7 @@ def passage(network: RoadNetwork, target: str, ways: tuple[JunctionPath, ...], r
     view, sign = build_planner_map(network), plate("2.4")
     path = view.graph.path(("sc", target), view.map.lane("sc_0").index, 10.0, Destination(target, 50.0))
     assert path is not None
-    told = Privilege(sign, load_catalog(), network, view)
+    told = Privilege((sign,), load_catalog(), network, view)
     found = crossing(told, path, "sc", ways, ruled)
     assert found is not None
     return found

@@ -124,7 +124,7 @@ def test_a_long_sentence_and_the_figures_stand_on_a_small_page() -> None:
         "and then it went on to the next one as slowly (at least 4.0 m/s)."
     )
     assert "…" not in wrap(sentence, 12, SMALL.width - 24, 3)[-1]
-    hud = Hud(SMALL, "title", "below", made.sign(), Artwork(load_catalog()), [0.5])
+    hud = Hud(SMALL, "title", "below", (made.sign(),), Artwork(load_catalog()), [0.5])
     page = np.zeros((SMALL.height, SMALL.width, 3), dtype=np.uint8)
     event = made.violation(sentence=sentence)
     hud.footer(page, FrameInfo(1.0, 5.0, 0.5, event, ""))

@@ -33,9 +33,9 @@ def scene_of(rows: dict[tuple[str, str], ScenarioSpec], kind: str, half: str) ->
 
 def test_the_plate_is_drawn_beneath_the_plate_of_priority(rows: dict[tuple[str, str], ScenarioSpec]) -> None:
     scene = scene_of(rows, "main_road", "signed")
-    target = main_roads(scene.network, scene.signs)[scene.target]
+    target = main_roads(scene.network, scene.signs)[scene.targets[0]]
     plates = {shape.name: shape for shape in furniture_shapes(scene) if isinstance(shape, DrawnPlate)}
-    assert plates[scene.target].below == target.key
+    assert plates[scene.targets[0]].below == target.key
 
 
 def test_lines_lie_where_the_plates_put_them(rows: dict[tuple[str, str], ScenarioSpec]) -> None:

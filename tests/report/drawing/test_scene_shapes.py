@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from tsbench.report.drawing.scene_shapes import plate_line, rule_zone
+from tsbench.report.drawing.scene_shapes import plate_line, rule_zones
 from tsbench.rules.monitors import make_monitor
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader, load_scene
@@ -27,10 +27,9 @@ def test_every_type_has_its_zone_near_the_plate(first_of_each: dict[str, Scenari
     loader = SceneLoader(DataSet())
     for kind, row in first_of_each.items():
         scene, _ = loader.load(row)
-        zone = rule_zone(scene)
-        assert zone is not None, kind
+        (zone,) = rule_zones(scene)
         assert zone.area > 3.0, kind
-        sign = scene.target_sign
+        sign = scene.target_signs[0]
         assert zone.distance(shapely.Point(sign.x, sign.y)) < 120.0, kind
         # Closing hairlines between strips that only touch, it is one piece; a ring has a hole.
         whole = zone.buffer(0.3)
@@ -46,10 +45,10 @@ def test_every_type_has_its_zone_near_the_plate(first_of_each: dict[str, Scenari
 def test_a_front_on_the_drawn_line_is_on_the_judged_one(kind: str, monitor_line: str) -> None:
     row = next(r for r in DataSet().table("dev") if r.scenario_type == kind and r.half == "signed")
     scene = load_scene(DataSet(), row)
-    sign = scene.target_sign
+    sign = scene.target_signs[0]
     monitor = make_monitor(sign, scene)
     lane = scene.network.edge_lanes(sign.edge)[0]
-    drawn = plate_line(scene)
+    drawn = plate_line(scene, sign)
     kerb_end = drawn[0]
     s = lane.line.project(*kerb_end.tolist())[0]
     ego = EgoState(

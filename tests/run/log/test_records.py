@@ -48,7 +48,8 @@ def test_a_finished_episode() -> None:
 def test_needless_obedience_is_an_event_of_the_target_sign() -> None:
     needless = (episode_builders.violation(0.2, rule="needless", clause="needless_stop"),)
     plain = result()
-    record = make_record(replace(plain, facts=replace(plain.facts, needless=needless)), True)
+    verdicts = replace(plain.facts.verdicts, needless=needless)
+    record = make_record(replace(plain, facts=replace(plain.facts, verdicts=verdicts)), True)
     assert (record.row["scd"], record.row["violations"], record.row["needless"]) == (False, 2, 1)
     assert record.row["violation_clause"] == "needless_stop"
     first = record.events[0]

@@ -46,11 +46,10 @@ class Encoder:
         roads = context.network if privilege is None else privilege.network
         before = b"" if roads is self._map else protocol.frame(_map_message(roads), self._encoder)
         self._map, self._path, self._told = roads, None, 0
-        told = protocol.ContextMessage(context.seed, context.destination, context.dt)
-        if privilege is not None:
-            sign, params = privilege.sign, privilege.sign.params
-            sign, texts = replace(sign, params=None), {} if params is None else params.texts()
-            told = protocol.ContextMessage(context.seed, context.destination, context.dt, sign, texts)
+        targets = () if privilege is None else privilege.signs
+        signs = tuple(replace(sign, params=None) for sign in targets)
+        texts = tuple({} if sign.params is None else sign.params.texts() for sign in targets)
+        told = protocol.ContextMessage(context.seed, context.destination, context.dt, signs, texts)
         return before + protocol.frame(told, self._encoder)
 
     def observation(self, o: Observation) -> bytes:
@@ -103,11 +102,12 @@ class Decoder:
         roads, privilege = self._map, None
         if self._view is not None:
             assert isinstance(roads, RoadNetwork)
-            assert told.sign is not None
             catalog = load_catalog(mirrored=roads.left_hand)
-            rule = catalog.sign(told.sign.code).rule
-            sign = replace(told.sign, params=plate_params(rule.name, told.params, binds=False))
-            privilege = Privilege(sign, catalog, roads, self._view)
+            signs = tuple(
+                replace(sign, params=plate_params(catalog.sign(sign.code).rule.name, params, binds=False))
+                for sign, params in zip(told.signs, told.params, strict=True)
+            )
+            privilege = Privilege(signs, catalog, roads, self._view)
             roads = self._view.map
         return PlannerContext(told.seed, roads, self._graph, told.destination, told.dt, privilege)
 

@@ -24,7 +24,7 @@ from tsbench.signs.annotations import SignInstance
 from tsbench.sim.scene import Obstacle
 from tsbench.sim.world import ActorTable, Agents, EgoState, WorldSnapshot
 
-VERSION: Final = 4
+VERSION: Final = 5
 # The descriptor that a planner's program finds it on.
 LINE: Final = 3
 HEAD = struct.Struct("<I")
@@ -66,13 +66,13 @@ class NetworkMessage(Message):
 
 
 class ContextMessage(Message):
-    """An episode begins. sign: the target, for privileged planners only; params: its own, as texts."""
+    """An episode begins. signs: the targets, for privileged planners only; params: of each its own, as texts."""
 
     seed: int
     destination: Destination
     dt: float
-    sign: SignInstance | None = None
-    params: dict[str, str] = {}
+    signs: tuple[SignInstance, ...] = ()
+    params: tuple[dict[str, str], ...] = ()
 
 
 class ObservationMessage(Message):

@@ -275,7 +275,7 @@ class DriveEnv(gymnasium.Env[Any, npt.NDArray[np.float32]]):
             self._last = episode.look()
             earned["progress"] += self._reward.tick(self._last)
             info |= {
-                "sign_compliant": facts.target.compliant,
+                "sign_compliant": facts.verdicts.compliant,
                 "scd": is_scd(facts),
                 "route_completion": route_completion(facts, tracks_of(facts.snapshots)),
                 "at_fault": facts.contact is not None and facts.contact.at_fault,

@@ -315,7 +315,7 @@ def _drive(planner: str, folder: Path | None, stop_policy: StopPolicy | None, ro
     ends = []
     for row in rows:
         result = runner.run(row)
-        obeyed = result.facts is not None and result.facts.obeyed
+        obeyed = result.facts is not None and not result.facts.verdicts.against
         ends.append(End(result.outcome, obeyed, result.error if result.outcome.is_error else ""))
     runner.close()
     return ends

@@ -112,7 +112,8 @@ class SignTargets:
         scene, self._sampling, self._kind = driven.facts.scene, sampling, kind
         self._since, self._rule, self._spec = driven.since, rule, TARGET_SPECS[rule.name]
         self._track = track = DrivenPath(driven.facts.snapshots)
-        self._value = scene.target_sign.value
+        (sign,) = scene.target_signs
+        self._value = sign.value
         away = np.hypot(*(track.xy - np.array(decision_place(scene))).T)
         self._line_s = float(track.s[int(np.argmin(away))])
         self._lead = round(sampling.speed_s / DT_S)
@@ -196,7 +197,7 @@ def _least(speed: Array, ticks: int) -> Array:
 
 def decision_place(scene: Scene) -> tuple[float, float]:
     """Where the target sign's rule decides: its obstacle, the end of its approach, or the plate's line."""
-    sign, network = scene.target_sign, scene.network
+    (sign,), network = scene.target_signs, scene.network
     params = sign.params
     if isinstance(params, ObstacleParams):
         return next((o.x, o.y) for o in scene.obstacles if o.id == params.obstacle)
@@ -268,7 +269,8 @@ class FinetuneSource:
         if not is_scd(driven.facts):
             return np.zeros(0, dtype=SIGN_FRAME)
         scene = driven.facts.scene
-        catalog, sign = scene.catalog, scene.catalog.sign(scene.target_sign.code)
+        (target,) = scene.target_signs
+        catalog, sign = scene.catalog, scene.catalog.sign(target.code)
         either = set(sign.rule.options.get("allowed_sides", ())) == {"left", "right"}
         if either and not _on_the_right(driven.facts):
             return np.zeros(0, dtype=SIGN_FRAME)
@@ -290,7 +292,7 @@ class FinetuneSource:
 
 def _on_the_right(facts: EpisodeFacts) -> bool:
     """Had the ego its target's obstacle on its left where it was nearest to it?"""
-    params = facts.scene.target_sign.params
+    params = facts.scene.target_signs[0].params
     assert isinstance(params, ObstacleParams)
     x, y = next((o.x, o.y) for o in facts.scene.obstacles if o.id == params.obstacle)
     nearest = min((w.ego for w in facts.snapshots), key=lambda ego: math.hypot(x - ego.x, y - ego.y))

@@ -11,7 +11,7 @@ import math
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -46,7 +46,7 @@ from tsbench.run.edition import SCORING, code_hash
 from tsbench.scenarios.certificates import Certificate, bases, certificates_path, read_certificates, write_certificates
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
+from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneStore
 from tsbench.sim.convoy import Approach, Showing
 from tsbench.sim.sumo import Simulation
@@ -81,6 +81,10 @@ class _Proof:
     blind: _Drive
 
 
+# Of a pair's rows, and of a square's, those that differ in one sign.
+_APART = {2: ((0, 1),), 4: ((0, 1), (2, 3), (0, 2), (1, 3))}
+
+
 class Certifier:
     """Proves rows in the process's one simulation. loader: gives their scenes."""
 
@@ -97,13 +101,15 @@ class Certifier:
         """The certificate of a row. blind_baseline: the sign-blind driver's name. asked, realised: cars per lane-km."""
         solver, solved = self._solve(spec)
         blind = self._drive(blind_baseline, spec)
-        self._proofs[spec.half] = _Proof(spec, solver, solved, blind)
+        if any(other.spec.pair_name != spec.pair_name for other in self._proofs.values()):
+            self._proofs.clear()
+        self._proofs[spec.scenario_id] = _Proof(spec, solver, solved, blind)
         facts, calm = blind.result.facts, solved.result.facts
         return Certificate(
             scenario_id=spec.scenario_id, scenario_type=spec.scenario_type, split=spec.split, attempt=attempt,
             expert=solver, expert_time_s=_time(solved.result) if solver else math.nan, blind_baseline=blind_baseline,
             blind_outcome=blind.result.outcome.value, tempting=not blind.passed,
-            engaged=facts is not None and facts.target.engaged, asked_density=asked, realised_density=realised,
+            engaged=facts is not None and facts.verdicts.engaged, asked_density=asked, realised_density=realised,
             road_users=0 if facts is None else road_users(facts),
             overlaps=0 if calm is None else overlapping_pairs(calm),
             arrival_gap_s=math.nan if facts is None else arrival_gap(facts),
@@ -111,25 +117,26 @@ class Certifier:
             basis=bases([spec])[spec.scenario_id], scoring=SCORING, reproduced=None,
         )  # fmt: skip
 
-    def prove_pair(self, signed: Certificate, contrast: Certificate) -> tuple[Certificate, Certificate]:
-        """Both with what is known of the pair. Raises ValueError unless its rows were the last two that were proven."""
-        a, b = self._proofs[SIGNED], self._proofs[CONTRAST]
-        if (a.spec.scenario_id, b.spec.scenario_id) != (signed.scenario_id, contrast.scenario_id):
-            raise ValueError(f"{signed.scenario_id} and {contrast.scenario_id} were not proven last")
+    def compare(self, proven: Sequence[Certificate]) -> tuple[Certificate, ...]:
+        """They with what each two that differ in one sign show. Raises ValueError unless `prove` drove them last."""
+        for one in proven:
+            if one.scenario_id not in self._proofs:
+                raise ValueError(f"{one.scenario_id} was not proven last")
+        found = list(proven)
+        for a, b in _APART.get(len(found), ()):
+            found[a], found[b] = self._compare(found[a], found[b])
+        return tuple(found)
+
+    def _compare(self, signed: Certificate, contrast: Certificate) -> tuple[Certificate, Certificate]:
+        a, b = self._proofs[signed.scenario_id], self._proofs[contrast.scenario_id]
         replayed = (self._passes(_replay(one.solved.seen.answers), other.spec) for one, other in ((a, b), (b, a)))
         differs_s, brake = self._reaction(a, b)
-        pair = partial(
-            replace,
-            exclusive=not any(replayed),
-            passed_by=self._passed_by(a, b),
-            blind_equal=a.blind.seen.view == b.blind.seen.view != "",
-            differs_s=differs_s,
-            brake_mps2=brake,
-        )
-        return pair(signed), pair(contrast)
+        blind_equal = a.blind.seen.view == b.blind.seen.view != ""
+        shown = not any(replayed), self._passed_by(a, b), blind_equal, differs_s, brake
+        return signed.beside(*shown), contrast.beside(*shown)
 
     def again(self, rows: Sequence[tuple[ScenarioSpec, Certificate]]) -> list[Certificate]:
-        """A row, or the two of a pair, driven once more.
+        """A row, or all of a pair or a square, driven once more.
 
         `reproduced` where it shows the same, whatever code drove it before, and where. What only the builder measures
         (attempt, densities) is kept.
@@ -138,10 +145,9 @@ class Certifier:
             self.prove(spec, old.blind_baseline, old.attempt, old.asked_density, old.realised_density)
             for spec, old in rows
         ]
-        if len(new) > 1 and all(c.solvable for c in new):
-            new = list(self.prove_pair(*new))
+        both = self.compare(new) if all(c.solvable for c in new) else new
         return [
-            replace(fresh, reproduced=not old.differences(fresh)) for (_, old), fresh in zip(rows, new, strict=True)
+            replace(fresh, reproduced=not old.differences(fresh)) for (_, old), fresh in zip(rows, both, strict=True)
         ]
 
     def _solve(self, spec: ScenarioSpec) -> tuple[str, _Drive]:
@@ -234,7 +240,7 @@ class Certifier:
     def breaks(self, planner: str, spec: ScenarioSpec) -> bool:
         """Does `planner` (a name or module:Class) break the rule of the row's sign? Not if its episode broke off."""
         facts = self._drive(planner, spec).result.facts
-        return facts is not None and not facts.target.compliant
+        return facts is not None and not facts.verdicts.compliant
 
     def _run_until(
         self, planner: LoadedPlanner, spec: ScenarioSpec, is_over: Callable[[Episode], bool]
@@ -292,7 +298,7 @@ def _digest(*results: EpisodeResult) -> str:
         digest.update(np.array(egos, dtype=np.float64).tobytes())
         for snapshot in result.facts.snapshots:
             digest.update(snapshot.actors.pose.tobytes())
-        for violation in result.facts.against:
+        for violation in result.facts.verdicts.against:
             digest.update(violation.sentence.encode())
     return digest.hexdigest()
 

@@ -91,15 +91,15 @@ class AnswerReplay:
 
 
 class Prejudiced:
-    """An expert that obeys the plate of the other half, whatever stands here: as who always drives by one habit."""
+    """An expert that obeys the plates of the other half, whatever stands here: as who always drives by one habit."""
 
     def __init__(self, expert: Planner, other: Privilege) -> None:
         self._expert, self._other = expert, other
 
     def reset(self, context: PlannerContext) -> None:
-        """Begin anew, on this half's network but told the other one's plate."""
+        """Begin anew, on this half's network but told the other one's plates."""
         assert context.privilege is not None
-        told = replace(context.privilege, sign=self._other.sign)
+        told = replace(context.privilege, signs=self._other.signs)
         self._expert.reset(replace(context, privilege=told))
 
     def act(self, observation: Observation) -> Control | Trajectory:
@@ -138,7 +138,7 @@ def line_point(scene: Scene) -> tuple[float, float]:
     if agents is not None:
         line = scene.network.lane(agents.line_lane).line
         return line.point_at(line.length)
-    post = scene.target_sign
+    post = scene.target_signs[0]
     return scene.network.edge_lanes(post.edge)[max(post.lane, 0)].line.point_at(post.position_m)
 
 

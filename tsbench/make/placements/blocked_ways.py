@@ -90,7 +90,7 @@ class DetourPlacement(ScenePlacement):
         beyond = near + length + _LONGEST_CAR_M + 1.0
         return Arrangement(
             signs=tuple(signs),
-            target=signs[0].id,
+            targets=(signs[0].id,),
             start=EgoStart(lane.id, start_s, start_speed(task, lane)),
             destination=Destination(edge, end_s),
             route_hint=(edge,),
@@ -176,7 +176,7 @@ class ClosedRoadPlacement(ScenePlacement):
         into = turns_into(graph, {way.exit, way.other})
         return Arrangement(
             signs=signs,
-            target=signs[0].id,
+            targets=(signs[0].id,),
             start=start,
             destination=Destination(way.exit, end_s),
             route_hint=(lane.edge, way.exit),
@@ -199,7 +199,7 @@ class ClosedRoadPlacement(ScenePlacement):
             ContrastClause("needless_stop", passage),
             ContrastClause("needless_detour", WayParams(approach, exits=(exit_,))),
         )
-        return replace(signed, target=other.id, signs=exchanged(plate, other), contrast=needless)
+        return replace(signed, targets=(other.id,), signs=exchanged(plate, other), contrast=needless)
 
 
 def _ways(row: PoolRow, network: RoadNetwork, graph: LaneGraph, recipe: Recipe) -> list[_Way]:

@@ -121,7 +121,7 @@ class CrosswalkPlacement(ScenePlacement):
         end_s = variant.route_end(0.0, room)
         return Arrangement(
             signs=signs,
-            target=signs[0].id,
+            targets=(signs[0].id,),
             start=start,
             destination=Destination(last, end_s),
             route_hint=(first, last),

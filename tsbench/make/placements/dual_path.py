@@ -113,7 +113,7 @@ class ManoeuvrePlacement(ScenePlacement):
         for way in (short, compliant):
             check_way(graph, way, avoided)
         return Arrangement(
-            signs=plates, target=plates[0].id, start=start, destination=Destination(target, end_s),
+            signs=plates, targets=(plates[0].id,), start=start, destination=Destination(target, end_s),
             route_hint=short, compliant_hint=compliant, route_length=_length(network, graph, short[1:]) + end_s,
             avoid_turns=avoided, closed_edges=closed,
             quiet_edges=frozenset({signed}), platoons=frozenset(network.edges),
@@ -127,7 +127,7 @@ class ManoeuvrePlacement(ScenePlacement):
         plates = self.other_plates(signed.signs, code)
         target = next(p.id for p in plates if p.role == "target")
         way = ContrastClause("needless_detour", WayParams(short[0], exits=(short[1],)))
-        return replace(signed, signs=plates, target=target, compliant_hint=(), contrast=(way,))
+        return replace(signed, signs=plates, targets=(target,), compliant_hint=(), contrast=(way,))
 
     def banned(self, graph: LaneGraph, short: Sequence[str], allowed: Sequence[str]) -> frozenset[Turn]:
         """Turns out of the signed approach that a plate with these manoeuvres prohibits."""

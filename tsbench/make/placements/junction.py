@@ -120,7 +120,7 @@ class GiveWayPlacement(ScenePlacement):
         avoid = _others(network, arms, chosen)
         waiting, taken = _waiting(task, arms, avoid)
         return Arrangement(
-            signs=signs, target=signs[0].id, start=start, destination=Destination(exit_lane.edge, end_s),
+            signs=signs, targets=(signs[0].id,), start=start, destination=Destination(exit_lane.edge, end_s),
             closed_edges=bare, route_hint=route, route_length=end_s, convoy=cars, extra=waiting,
             avoid_turns=avoid, quiet_edges=frozenset({arms.ego_in, *arms.prior_in, *arms.minor_in}),
             platoons=frozenset(arms.prior_in), quiet_s=quiet_s,

@@ -87,7 +87,7 @@ class Arrangement:
     """
 
     signs: tuple[SignInstance, ...]
-    target: str
+    targets: tuple[str, ...]
     start: EgoStart
     destination: Destination
     route_hint: tuple[str, ...]

@@ -101,7 +101,7 @@ class ReservedLanePlacement(ScenePlacement):
         end_s = variant.route_end(recipe.number("least_destination_m"), room)
         return Arrangement(
             signs=(sign, other),
-            target=sign.id,
+            targets=(sign.id,),
             start=start,
             destination=Destination(last, end_s),
             route_hint=(first, zone, last),
@@ -116,7 +116,7 @@ class ReservedLanePlacement(ScenePlacement):
         plate, other = signed.signs
         params = plate.params_as(ReservedLaneParams)
         stay = ContrastClause("needless_detour", WayParams(params.approach, lanes=params.lanes))
-        return replace(signed, target=other.id, signs=exchanged(plate, other), contrast=(stay,))
+        return replace(signed, targets=(other.id,), signs=exchanged(plate, other), contrast=(stay,))
 
 
 def _users(task: SceneTask, vclass: str, lane: Lane, edges: tuple[str, ...]) -> tuple[etree._Element, ...]:
@@ -188,7 +188,7 @@ class ContraflowPlacement(ScenePlacement):
         across = math.dist(lane.line.points[-1], contra.line.points[-1])
         return Arrangement(
             signs=(sign,),
-            target=sign.id,
+            targets=(sign.id,),
             start=start,
             destination=Destination(exit_, end_s),
             route_hint=(approach, exit_),

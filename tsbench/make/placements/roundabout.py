@@ -100,7 +100,7 @@ class RoundaboutPlacement(ScenePlacement):
         ]
         return Arrangement(
             signs=(sign, *more),
-            target=sign.id,
+            targets=(sign.id,),
             start=start,
             destination=destination,
             route_hint=route,

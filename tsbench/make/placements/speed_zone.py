@@ -38,6 +38,17 @@ KMH = 1.0 / 3.6
 _ROOM_M = 2.0
 
 
+def braking_room(recipe: Recipe, v0: float, v: float) -> float:
+    """The way before a plate in which the recipe's braking, half a second later, slows the ego from v0 to v; m."""
+    return (v0 * v0 - v * v) / (2 * recipe.number("brake_mps2")) + 0.5 * v0 + 3.0
+
+
+def fastest_before(recipe: Recipe, room: float, v: float) -> float:
+    """The speed from which a way of so many m before a plate suffices to slow down to v, m/s (`braking_room`)."""
+    brake = recipe.number("brake_mps2")
+    return brake * (math.sqrt(max(0.25 + 2.0 / brake * (room - 3.0) + (v / brake) ** 2, 0.0)) - 0.5)
+
+
 def can_post(recipe: Recipe, row: PoolRow, code: str, value: float) -> bool:
     """Can a plate set this value on a road of the map's class?"""
     sign, allowed = recipe.catalog.sign(code), recipe.catalog.allowed_speeds(road_class=row.road_class, code=code)
@@ -92,14 +103,7 @@ class SpeedZonePlacement(ScenePlacement):
         row, network, recipe, variant = task.row, task.network, task.recipe, task.variant
         edges = [f"{row.fields['edge']}.{k}" for k in range(int(recipe.number("zone_edges")) + 2)]
         first, zone, last = edges[0], edges[1:-1], edges[-1]
-        bend, road = _bend_kmh(recipe.catalog, network, zone), row.speed_mps / KMH
-        most = road - recipe.number("below_road_kmh") + 0.5
-        limits = [
-            v
-            for v in recipe.choices["limits_kmh"]
-            if v <= most and can_post(recipe, row, self.code, v) and self._others(row, recipe, v)
-        ]
-        require(bool(limits), f"no pair of limits for a {row.road_class} road of {road:.0f} km/h")
+        bend, limits = _bend_kmh(recipe.catalog, network, zone), self.limits(row, recipe)
         # An ego at a limit is needlessly slow in the other half only where the road allows so much more.
         tolerated = max(limits) + recipe.catalog.rule("speed").thresholds["tolerance_kmh"]
         needed = tolerated / recipe.catalog.needless.thresholds["slow_speed_ratio"]
@@ -110,7 +114,7 @@ class SpeedZonePlacement(ScenePlacement):
         lane = lanes[variant.layout % len(lanes)]
         excess = max(recipe.number("least_excess_mps"), variant.initial_speed)
         v0 = min(v + excess, v + recipe.number("most_excess_kmh") * KMH, row.speed_mps)
-        need = (v0 * v0 - v * v) / (2 * recipe.number("brake_mps2")) + 0.5 * v0 + 3.0
+        need = braking_room(recipe, v0, v)
         room = lane.line.length - need - EGO_LENGTH_M - recipe.number("start_behind_m")
         require(room >= 0.0, f"no room to brake from {v0:.1f} m/s before the plate")
         jitter = float(task.rng.uniform(0.0, min(recipe.number("jitter_m"), room)))
@@ -123,7 +127,7 @@ class SpeedZonePlacement(ScenePlacement):
         driven = sum(network.edges[e].length for e in way[:-1]) + end_s
         return Arrangement(
             signs=self._signs(task, zone, last, limit),
-            target="sign_0",
+            targets=("sign_0",),
             start=start,
             destination=Destination(way[-1], end_s),
             route_hint=(first, *way),
@@ -131,6 +135,18 @@ class SpeedZonePlacement(ScenePlacement):
             drivers=tuple(replace(d, speed=min(d.speed, v)) for d in task.drivers),
             closed_edges=frozenset(edges),
         )
+
+    def limits(self, row: PoolRow, recipe: Recipe) -> list[float]:
+        """The limits that can be posted on a map's road, with another in the contrast half. Raises UnfitMapError."""
+        road = row.speed_mps / KMH
+        most = road - recipe.number("below_road_kmh") + 0.5
+        limits = [
+            v
+            for v in recipe.choices["limits_kmh"]
+            if v <= most and can_post(recipe, row, self.code, v) and self._others(row, recipe, v)
+        ]
+        require(bool(limits), f"no pair of limits for a {row.road_class} road of {road:.0f} km/h")
+        return limits
 
     def _signs(self, task: SceneTask, zone: Sequence[str], last: str, limit: float) -> tuple[SignInstance, ...]:
         """The plate and its end; what faces the other direction comes with the other half's plates."""
@@ -148,7 +164,7 @@ class SpeedZonePlacement(ScenePlacement):
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
         """A value of at least 1.6 times as much."""
         first = signed.signs[0]
-        limit, value = first.posted, self._other(task, first.posted)
+        limit, value = first.posted, self.other(task, first.posted)
         zone = first.params_as(ZoneParams).zone_edges[:-1]
         length = sum(task.network.edge_lanes(e)[0].line.length for e in zone)
         slow = SlowZoneParams(zone, 0.0, length, min(value, task.row.speed_mps / KMH))
@@ -159,7 +175,7 @@ class SpeedZonePlacement(ScenePlacement):
         signs = tuple(replace(sign, code=code, value=value) for sign, code, value in hung)
         return replace(signed, signs=signs, contrast=(ContrastClause("needless_slow", slow),))
 
-    def _other(self, task: SceneTask, limit: float) -> float:
+    def other(self, task: SceneTask, limit: float) -> float:
         """The value of the contrast half, km/h."""
         values = self._others(task.row, task.recipe, limit)
         return float(values[task.variant.plate % len(values)])
@@ -178,7 +194,7 @@ class ZonePlacement(SpeedZonePlacement):
     def _signs(self, task: SceneTask, zone: Sequence[str], last: str, limit: float) -> tuple[SignInstance, ...]:
         """The target, and beside it its end; then the end of the other zone, and beside it its begin."""
         first, network = task.row.fields["edge"] + ".0", task.network
-        theirs = self._other(task, limit)
+        theirs = self.other(task, limit)
         begin, end = self.other_codes
         border = task.recipe.number("other_border_m")
         back, away = self._across(task, zone[0], 0.0), self._across(task, first, border)
@@ -255,7 +271,7 @@ class MinSpeedPlacement(ScenePlacement):
         sign = plate_beside(network, self.code, edge, plate_s, ZoneParams((edge,)), value=minimum)
         return Arrangement(
             signs=(sign,),
-            target=sign.id,
+            targets=(sign.id,),
             start=start,
             destination=Destination(edge, end_s),
             route_hint=(edge,),

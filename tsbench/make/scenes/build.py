@@ -18,7 +18,7 @@ from functools import cache, lru_cache
 from pathlib import Path
 from typing import Any
 
-from tsbench.core.benchmark import MAPS
+from tsbench.core.benchmark import MAPS, TWO_SIGNS, places_of_split
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_json
 from tsbench.core.parallel import CachedResult, Workers, worker_processes
@@ -137,7 +137,7 @@ class TypeBuilder:
             r
             for r in rows
             if r.family == self.recipe.type.family
-            and self.split_of[r.map_id] == split
+            and self.split_of[r.map_id] == places_of_split(split)
             and r.map_id not in self.withdrawn
         ]
         return sorted(usable, key=lambda r: (not r.well_tagged, seed_of("candidate", name, r.map_id), r.map_id))
@@ -239,7 +239,7 @@ def build_scenarios(request: BuildRequest, progress: Progress) -> list[TypeRepor
     reports: list[TypeReport] = []
     with worker_processes(request.workers, "building scenes") as pool:
         for split in (s for s in SPLITS if s in request.splits and s in city.maps):
-            for recipe in recipes:
+            for recipe in (recipe for recipe in recipes if (recipe.last is not None) == (split == TWO_SIGNS)):
                 sites, report = TypeBuilder(request, recipe, pool, split_of).fill(rows, split, progress)
                 _keep(request, recipe.type.id, split, sites, rows)
                 _write_report(request.root, report)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
@@ -16,7 +17,9 @@ from tsbench.make.maps.source import SourceNetwork
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.placements.distractors import distractors, with_same_plates
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError, UnluckyDrawError
+from tsbench.make.placements.two_signs import LimitAheadPlacement
 from tsbench.make.scenes.plate_checks import refused
+from tsbench.make.scenes.plate_surroundings import PlacedPlates
 from tsbench.make.scenes.recipe import Recipe, Variant, variants_of
 from tsbench.make.scenes.scene_files import OtherTraffic, SceneFileWriter
 from tsbench.make.scenes.traffic import draw_drivers, lane_km
@@ -34,7 +37,10 @@ from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
 
 NET_NAMES = {SIGNED: "net.net.xml.gz", CONTRAST: "contrast.net.xml.gz"}
-_ENDS = {SIGNED: "", CONTRAST: "c"}
+# Of each row of a pair the end of its id, the half whose network it is on, and its half. Files have the end's letters.
+_PAIR = (("", SIGNED, SIGNED), ("-c", CONTRAST, CONTRAST))
+# A square is two pairs (`square_of`).
+_SQUARE = (("", SIGNED, SIGNED), ("-c", SIGNED, CONTRAST), ("b", CONTRAST, SIGNED), ("b-c", CONTRAST, CONTRAST))
 
 # How often a variant is drawn until an expert solves it, it tempts and the violating baseline breaks its rule; and the
 # share of a map's variants that may not tempt.
@@ -53,8 +59,8 @@ class Prover(Protocol):
     ) -> Certificate:
         """The certificate of a row. asked, realised: cars per lane-km."""
 
-    def prove_pair(self, signed: Certificate, contrast: Certificate) -> tuple[Certificate, Certificate]:
-        """Both with what is known of the pair; their rows were the last that `prove` drove."""
+    def compare(self, proven: Sequence[Certificate]) -> tuple[Certificate, ...]:
+        """They with what is known of their pair, or square; their rows were the last that `prove` drove."""
 
     def breaks(self, planner: str, spec: ScenarioSpec) -> bool:
         """Does `planner` (as `tsbench run` names it) break the rule of the row's sign?"""
@@ -162,13 +168,13 @@ class SiteBuilder:
         return self._draw(row, roads, folder, variant, split, spare[0].attempt), spare
 
     def _prove(self, prover: Prover, drawn: _Drawn, attempt: int) -> tuple[Certificate, ...]:
-        """One certificate a row; a contrast half is looked at only where the signed one is what it should be."""
+        """One certificate a row; each is looked at only where those before it are what they should be."""
         found: list[Certificate] = []
         for spec in drawn.rows:
             found.append(prover.prove(spec, self.recipe.blind_baseline, attempt, drawn.asked, drawn.density))
             if _why_not(spec, found[-1]):
                 return tuple(found)
-        return prover.prove_pair(found[0], found[1]) if len(found) > 1 else tuple(found)
+        return prover.compare(found)
 
     def _draw(
         self, row: PoolRow, roads: dict[str, Roads], folder: Path, variant: Variant, split: str, attempt: int
@@ -178,49 +184,59 @@ class SiteBuilder:
         draw = f"{pair}~{attempt}"
         drivers = draw_drivers(rng_of("drivers", kind.id, row.map_id, max(variant.drivers, 0)))
 
+        corners = (_SQUARE if recipe.last else _PAIR) if recipe.paired else _PAIR[:1]
+
         def task(half: str) -> SceneTask:
             there = roads[half]
             rng = rng_of("arrange", draw)
             return SceneTask(row, there.network, there.graph, recipe, variant, drivers, rng)
 
-        def files(half: str, a: Arrangement) -> SceneFileWriter:
-            path = folder / f"v{variant.number}{_ENDS[half]}.add.xml.gz"
+        def files(end: str, half: str, a: Arrangement) -> SceneFileWriter:
+            path = folder / f"v{variant.number}{end.replace('-', '')}.add.xml.gz"
             a = replace(a, drivers=a.drivers or drivers)
             return SceneFileWriter(self.sim, roads[half], path, a, draw, recipe.catalog)
 
-        def written(half: str, a: Arrangement, others: OtherTraffic) -> ScenarioSpec:
-            writer = files(half, a)
-            writer.write(others)
-            return self._row(row, variant, split, writer)
+        def placed(found: Iterable[Arrangement], others: OtherTraffic | None) -> list[PlacedPlates]:
+            pairs = zip(corners, found, strict=True)
+            return [files(end, half, a).placed_plates(others) for (end, half, _), a in pairs]
 
         there = task(SIGNED)
-        halves = {SIGNED: self.placement.place(there)}
-        if recipe.paired:
-            contrast = self.placement.contrast(task(CONTRAST), halves[SIGNED])
-            if contrast is None:
-                raise UnfitMapError("there is no contrast half")
-            halves[CONTRAST] = contrast
-            alone = [files(half, a).placed_plates(None) for half, a in halves.items()]
-            both = with_same_plates(there, halves[SIGNED], contrast, alone)
-            halves = dict(zip(halves, both, strict=True))
-        if not lane_km(there.network, halves[SIGNED].closed_edges):
+        found = self._arranged(there, task)
+        if len(found) == len(_PAIR):
+            signed, contrast = found
+            found = with_same_plates(there, signed, contrast, placed(found, None))
+        if not lane_km(there.network, found[0].closed_edges):
             variant = replace(variant, density=0.0)
-        variant, others = self._traffic(variant, files(SIGNED, halves[SIGNED]))
-        asked = variant.cars_per_lane_km
-        # Plates that need not be there are drawn last: no vehicle of either half may break one.
-        placed = [files(half, a).placed_plates(others) for half, a in halves.items()]
-        for scene in placed:
+        variant, others = self._traffic(variant, files(*corners[0][:2], found[0]))
+        # Plates that need not be there are drawn last: no vehicle of any row may break one.
+        scenes = placed(found, others)
+        for scene in scenes:
             for plate in scene.plates:
                 for _, why in refused(scene, plate):
                     raise UnluckyDrawError(f"plate {plate.code} {why}")
-        more = distractors(there, halves[SIGNED], placed)
-        spec = written(SIGNED, _with_plates(halves[SIGNED], more), others)
-        if CONTRAST not in halves:
-            return _Drawn((spec,), asked, others.density)
-        spec = replace(spec, pair_id=spec.scenario_id)
-        other = written(CONTRAST, _with_plates(halves[CONTRAST], more), others)
-        other = replace(other, scenario_id=f"{pair}-c", pair_id=pair, half=CONTRAST)
-        return _Drawn((spec, other), asked, others.density)
+        more = distractors(there, found[0], scenes)
+        rows = []
+        for (end, network, half), a in zip(corners, found, strict=True):
+            writer = files(end, network, _with_plates(a, more))
+            writer.write(others)
+            spec = replace(self._row(row, variant, split, writer), half=half, scenario_id=f"{pair}{end}")
+            if recipe.paired:
+                spec = replace(spec, pair_id=pair + end.removesuffix("-c"))
+            rows.append(spec)
+        return _Drawn(tuple(rows), variant.cars_per_lane_km, others.density)
+
+    def _arranged(self, there: SceneTask, task: Callable[[str], SceneTask]) -> tuple[Arrangement, ...]:
+        """The rows of a variant, in the order of its corners. Raises UnfitMapError."""
+        signed = self.placement.place(there)
+        if not self.recipe.paired:
+            return (signed,)
+        contrast = self.placement.contrast(task(CONTRAST), signed)
+        if contrast is None:
+            raise UnfitMapError("there is no contrast half")
+        if not isinstance(self.placement, LimitAheadPlacement):
+            return signed, contrast
+        halves = ((there, signed), (task(CONTRAST), contrast))
+        return tuple(a for at, one in halves for a in (one, self.placement.first_contrast(at, one)))
 
     def _traffic(self, variant: Variant, writer: SceneFileWriter) -> tuple[Variant, OtherTraffic]:
         """The traffic of a scene, and its variant with the density that was asked in the end.
@@ -238,8 +254,8 @@ class SiteBuilder:
 
     def _row(self, row: PoolRow, variant: Variant, split: str, files: SceneFileWriter) -> ScenarioSpec:
         a, net = files.a, files.roads.file
-        target = next(s for s in a.signs if s.id == a.target)
-        kind = self._type_of[target.code]
+        target = next(s for s in a.signs if s.id == a.targets[0])
+        kind = self.recipe.type if self.recipe.last else self._type_of[target.code]
         return ScenarioSpec(
             scenario_id=f"{self.recipe.type.id}-{row.map_id}-v{variant.number}", scenario_type=kind.id,
             group=kind.group, sign_code=target.code, sign_value=target.value, map_id=row.map_id, family=row.family,

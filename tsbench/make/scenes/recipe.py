@@ -5,8 +5,8 @@ By them each map has ten variants (docs/scenes.md, "Variants").
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, TypedDict
 
@@ -94,6 +94,13 @@ class _File(_Arrangement):
 
 
 @dataclass(frozen=True, kw_only=True)
+class _CombinedFile:
+    type: str
+    maps: dict[str, Annotated[int, Meta(ge=TEST_PER_TRAIN, multiple_of=TEST_PER_TRAIN)]]
+    numbers: dict[str, int | float]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Recipe(_Arrangement):
     """How scenes of one type are arranged.
 
@@ -102,11 +109,14 @@ class Recipe(_Arrangement):
     as their names say. choices: lists to draw from. blind_baseline: the sign-blind driver that has to break the rule
     (docs/scenes.md, "Certificates"). violating_baseline: a driver that should break it in a draw, "" = none. It
     is asked for where traffic often ends the other's episode first. paired: have its rows a contrast half?
-    catalog: the signs and rules that scenes are made by.
+    catalog: the signs and rules that scenes are made by. first, last: of a type with two signs the recipes of its
+    parts; the last, with the type's own numbers, decides the rest.
     """
 
     type: ScenarioType
     catalog: Catalog = field(repr=False, compare=False)
+    first: Recipe | None = None
+    last: Recipe | None = None
 
     def number(self, name: str) -> float:
         """One of the recipe's numbers. Raises InputError where the recipe lacks it."""
@@ -123,6 +133,9 @@ def recipes_folder() -> Path:
 def load_recipe(type_id: str, catalog: Catalog, folder: Path | None = None) -> Recipe:
     """The recipe of a type. Raises InputError (file, key, problem)."""
     path = (folder or recipes_folder()) / f"{type_id}.yaml"
+    if parts := catalog.type(type_id).parts:
+        first, last = (load_recipe(part, catalog, folder) for part in parts)
+        return read_sheet(_CombinedFile, path, "type", lambda file: _combined(file, first, last))
     return read_sheet(_File, path, "type", lambda file: _recipe(file, catalog))
 
 
@@ -131,8 +144,18 @@ def load_recipes(catalog: Catalog, types: Iterable[str]) -> list[Recipe]:
     return [load_recipe(type_id, catalog) for type_id in types or recipe_types()]
 
 
+def _combined(file: _CombinedFile, first: Recipe, last: Recipe) -> Recipe:
+    kind, numbers = first.catalog.type(file.type), last.numbers | _numbers(file.numbers)
+    changed = replace(last, numbers=numbers)
+    return replace(changed, type=kind, maps=file.maps, first=first, last=changed)
+
+
+def _numbers(given: Mapping[str, int | float]) -> dict[str, float]:
+    return {key: float(_named(f"numbers: {key}", _of_end(key), value)) for key, value in given.items()}
+
+
 def _recipe(file: _File, catalog: Catalog) -> Recipe:
-    numbers = {key: float(_named(f"numbers: {key}", _of_end(key), value)) for key, value in file.numbers.items()}
+    numbers = _numbers(file.numbers)
     for low, high in _ORDERED:
         for name, value in numbers.items():
             other = name.replace(low, high)

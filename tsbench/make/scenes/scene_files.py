@@ -130,7 +130,7 @@ class SceneFileWriter:
     def _fixed(self, plan: ConvoyPlan | None) -> list[etree._Element]:
         a, network = self.a, self.roads.network
         layout = SceneLayout(
-            signs=a.signs, target=a.target, obstacles=a.obstacles, start=a.start, destination=a.destination,
+            signs=a.signs, targets=a.targets, obstacles=a.obstacles, start=a.start, destination=a.destination,
             convoy=plan, route_hint=a.route_hint, compliant_hint=a.compliant_hint, walkers=a.walkers,
             contrast=a.contrast,
         )  # fmt: skip

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+from tsbench.core.benchmark import places_of_split
 from tsbench.core.errors import InputError
 from tsbench.geometry.elementary import wrap
 from tsbench.geometry.footprint import boxes_overlap
@@ -30,7 +31,7 @@ from tsbench.scenarios.certificates import Certificate, bases
 from tsbench.scenarios.map_pool import read_pool
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
-from tsbench.signs.annotations import DISTRACTOR, TARGET
+from tsbench.signs.annotations import TARGET
 from tsbench.sim.ego import start_motion
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID, read_additional
@@ -62,9 +63,7 @@ def verify_rows(
         else:
             try:
                 scene, roads = loader.load(spec)
-                scene.catalog.check_plates(
-                    spec.sign_code, {s.id: s.code for s in scene.signs if s.role != DISTRACTOR}, "scene"
-                )
+                scene.check_codes(spec.sign_code, "scene")
                 found = (*lint_scene(scene, roads.graph), *lint_limits(roads.network, roads.view))
                 problems += [(spec.scenario_id, problem) for problem in found]
             except InputError as error:
@@ -121,9 +120,9 @@ def verify_split(specs: Sequence[ScenarioSpec], pool: Path) -> list[tuple[str, s
     specs: whole tables.
     """
     rows = {r.map_id: r for r in read_pool(pool)}
-    split = {s.map_id: s.split for s in specs}
+    split = {s.map_id: places_of_split(s.split) for s in specs}
     problems = [(m, "map is not in the pool") for m in sorted(set(split) - set(rows))]
-    both = {s.map_id for s in specs if s.split != split[s.map_id]}
+    both = {s.map_id for s in specs if places_of_split(s.split) != split[s.map_id]}
     problems += [(m, "map is in two splits") for m in sorted(both)]
     names = [m for m in sorted(split) if m in rows]
     boxes = extents([rows[m] for m in names])
@@ -133,7 +132,7 @@ def verify_split(specs: Sequence[ScenarioSpec], pool: Path) -> list[tuple[str, s
         for a, b in near.T.tolist()
         if split[names[a]] > split[names[b]]
     ]
-    for side in sorted(set(split.values())):
+    for side in sorted({s.split for s in specs}):
         own = [s for s in specs if s.split == side]
         place = {s.map_id: s.place for s in with_places(own, list(rows.values()))}
         wrong = {s.map_id for s in own if s.place not in ("", place[s.map_id])}
@@ -245,7 +244,7 @@ def _obedient_way(scene: Scene, graph: LaneGraph) -> tuple[str, ...] | None:
     """The shortest way by the turn that the scene's obedient way begins with, not through an edge signed ahead."""
     first, then = scene.compliant_hint[0], scene.compliant_hint[1:2]
     others = {(first, e) for e in graph.successors(first) if e not in then}
-    signed = {scene.target_sign.edge} - {first}
+    signed = {sign.edge for sign in scene.target_signs} - {first}
     return graph.route(first, scene.destination.edge, others, signed)
 
 

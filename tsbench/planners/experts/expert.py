@@ -1,8 +1,8 @@
-"""Experts (`-e`): any base planner, constrained near the target sign by what its rule says.
+"""Experts (`-e`): any base planner, constrained near the target signs by what their rules say.
 
-An expert reads the target rule exactly (`PlannerContext.privilege`), SUMO's network with its priorities, and who the
+An expert reads the targets' rules exactly (`PlannerContext.privilege`), SUMO's network with its priorities, and who the
 others are and where they go (`Observation.truth`): never the convoy's release plan. The base planner is given the rule
-constraint's route for its own, and its command is capped by what the constraint leaves.
+constraints' route for its own, and its command is capped by what they leave.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from tsbench.planners.experts.rules.constraint import RuleConstraint, slow_to
 from tsbench.planners.experts.rules.right_of_way import RightOfWay
 from tsbench.planners.geometry import HALF_LENGTH_M
 from tsbench.planners.lane_change import LaneChanges, follow
+from tsbench.signs.annotations import SignInstance
 from tsbench.signs.rule_kinds import RULE_KINDS, load_rule_classes
 from tsbench.sim.ego import Motion, track
 from tsbench.sim.world import EgoState
@@ -58,7 +59,7 @@ class ObstacleFilter:
 
 
 # By kind of rule: the constraint in the file of its name.
-CONSTRAINTS: Mapping[str, Callable[[PlannerContext, Privilege], RuleConstraint]] = load_rule_classes(
+CONSTRAINTS: Mapping[str, Callable[[PlannerContext, Privilege, SignInstance], RuleConstraint]] = load_rule_classes(
     import_all("tsbench.planners.experts.rules"), RuleConstraint, "_constraint"
 )
 
@@ -78,7 +79,7 @@ class Expert:
     def __init__(self, base: Planner) -> None:
         self._follows = bool(getattr(base, "follows_route", False))
         self._base = base if self._follows else ObstacleFilter(base)
-        self._constraint: RuleConstraint
+        self._constraints: tuple[RuleConstraint, ...] = ()
         self._lanes: LaneChanges
         self._right_of_way: RightOfWay
 
@@ -87,26 +88,33 @@ class Expert:
         privilege = context.privilege
         if privilege is None:
             raise InputError("an expert needs PlannerContext.privilege: run it as a planner with privileged = True")
-        kind = privilege.rule.name
-        binds = RULE_KINDS[kind].binds(privilege.sign.params)
-        self._constraint = CONSTRAINTS[kind](context, privilege) if binds else RuleConstraint()
+        kinds = ((privilege.rule(sign).name, sign) for sign in privilege.signs)
+        self._constraints = tuple(
+            CONSTRAINTS[kind](context, privilege, sign) for kind, sign in kinds if RULE_KINDS[kind].binds(sign.params)
+        )
         self._lanes = LaneChanges(context)
         # A constraint that minds a junction itself says from which approach, and where right of way is not enough.
         self._right_of_way = RightOfWay(
-            privilege, but=self._constraint.approach, alert_edges=self._constraint.alert_edges
+            privilege,
+            but=frozenset(one.approach for one in self._constraints),
+            alert_edges=frozenset(edge for one in self._constraints for edge in one.alert_edges),
         )
         self._base.reset(replace(context, privilege=None))
 
     def act(self, observation: Observation) -> Control:
-        """The base planner's command on the constraint's route, within what the constraint leaves."""
-        o, constraint = observation, self._constraint
-        route = constraint.route(o)
+        """The base planner's command on the constraints' route, within what they leave."""
+        o = observation
+        route = o.route
+        # Each goes by the route of those before it.
+        for one in self._constraints:
+            route = one.route(o if route is o.route else replace(o, route=route))
         led = route is not o.route
         # The base planner sees what it would see alone.
         seen = Observation(o.step, o.time, o.ego, o.history, route, o.actors, o.signs, o.obstacles)
         acceleration, steering = _control(self._base.act(seen), o.ego)
-        least, most = constraint.acceleration_bounds(o, route)
-        most = min(most, self._right_of_way.acceleration_bounds(o, route)[1])
+        bounds = [one.acceleration_bounds(o, route) for one in self._constraints]
+        least = max((low for low, _ in bounds), default=-math.inf)
+        most = min([self._right_of_way.acceleration_bounds(o, route)[1], *(high for _, high in bounds)])
         if led and not self._follows:
             # A base that has learned its own way would leave the constraint's: here the way is the rule.
             way, stop = self._lanes.route(o, route)

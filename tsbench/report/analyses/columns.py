@@ -17,11 +17,10 @@ from tsbench.metrics.breakdown import COMPLETED, STRICT, Counted, StrictAndCompl
 from tsbench.metrics.intervals import Estimate
 from tsbench.metrics.paired_differences import Difference
 from tsbench.metrics.records import group_rank
-from tsbench.metrics.scd import PARTS, SIGNED_ONES
+from tsbench.metrics.scd import EVERY_PART, SIGNED_ONES
 from tsbench.planners.planner_spec import EXPERT
 from tsbench.report.analyses.analysis import ALL, Cell, Column, Kind, Row, Value
 from tsbench.run.edition import editions
-from tsbench.run.plan import choose_types
 from tsbench.scenarios.data_set import DataSet
 
 T = TypeVar("T", bound=Counted)
@@ -40,7 +39,7 @@ def pick(figure: StrictAndCompleted[T] | None, reading: str) -> T | None:
 
 def present_parts(planners: Sequence[PlannerSummary]) -> tuple[str, ...]:
     """The figures of SCD that there are, the primary one first."""
-    return tuple(part for part in PARTS if any(part in p.scores for p in planners))
+    return tuple(part for part in EVERY_PART if any(part in p.scores for p in planners))
 
 
 def panels_of(p: PlannerSummary, part: str) -> dict[str, StrictAndCompleted[Estimate]]:
@@ -130,7 +129,7 @@ def is_whole(p: PlannerSummary, panel: str, contract: str) -> bool:
     if not is_of_study(contract):
         return False
     driven = p.scores[SIGNED_ONES].types if SIGNED_ONES in p.scores else {}
-    return all(kind in driven for kind in choose_types(DataSet().catalog, () if panel == ALL else (panel,)))
+    return all(kind.id in driven for kind in DataSet().catalog.types if panel in (ALL, kind.group))
 
 
 def scd_beside(p: PlannerSummary, panel: str, contract: str) -> float | None:

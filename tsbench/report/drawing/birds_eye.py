@@ -148,8 +148,8 @@ class BirdsEye:
         parts = episode_subtitle(trace, artwork).split(" · ")
         # A narrow page has room for the scenario and its sign.
         subtitle = " · ".join(parts[:2] if self.size.compact else parts)
-        sign, kinds = self.scene.target_sign, self._kinds()
-        return Hud(self.size, episode_title(trace), subtitle, sign, artwork, shares, kinds)
+        signs, kinds = self.scene.target_signs, self._kinds()
+        return Hud(self.size, episode_title(trace), subtitle, signs, artwork, shares, kinds)
 
     def _kinds(self) -> frozenset[str]:
         """What there is to be seen, for the legend."""

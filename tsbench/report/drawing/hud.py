@@ -57,14 +57,18 @@ class FrameInfo:
     near: str = ""
 
 
-def header(size: PageSize, title: str, subtitle: str, sign: SignInstance, artwork: Artwork, spare_px: int = 0) -> Image:
-    """A picture's head: plate, title and what is below it. spare_px: kept free at the right."""
+def header(
+    size: PageSize, title: str, subtitle: str, signs: Sequence[SignInstance], artwork: Artwork, spare_px: int = 0
+) -> Image:
+    """A picture's head: plates, title and what is below it. spare_px: kept free at the right."""
     height, pad = size.header_px, _PAD_PX
     image = np.full((height, size.width, 3), STYLE.panel, dtype=np.uint8)
     side = height - 12
-    plate = plate_rgba(artwork, sign.code, sign.value, side)
-    paste(image, pad, 6, plate[..., :3], plate[..., 3])
-    x = pad + side + pad
+    x = pad
+    for sign in signs:
+        plate = plate_rgba(artwork, sign.code, sign.value, side)
+        paste(image, x, 6, plate[..., :3], plate[..., 3])
+        x += side + pad
     room = size.width - x - pad - (0 if size.compact else spare_px + pad)
     sizes, top, below = ((15, 14, 13, 12, 11), 4, 24) if size.compact else ((18, 16, 14, 13), 10, 36)
     text, font = fitted(title, sizes, room, bold=True)
@@ -82,7 +86,7 @@ class Hud:
         size: PageSize,
         title: str,
         subtitle: str,
-        sign: SignInstance,
+        signs: Sequence[SignInstance],
         artwork: Artwork,
         events: list[float],
         kinds: Collection[str] = (),
@@ -91,7 +95,7 @@ class Hud:
         self._size, self._width = size, size.width
         self._legend = [(name, text) for name, text in LEGEND.items() if name in _ALWAYS or name in kinds]
         self._events = events
-        self._header = header(size, title, subtitle, sign, artwork, _CLOCK_PX)
+        self._header = header(size, title, subtitle, signs, artwork, _CLOCK_PX)
         self._footers: dict[tuple[Violation | None, str, str], Image] = {}
 
     def header(self, page: Image, moment: FrameInfo) -> None:

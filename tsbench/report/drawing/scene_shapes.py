@@ -84,9 +84,14 @@ def named_from(events: Iterable[Violation], names: Sequence[str]) -> dict[str, f
 _AROUND_OBSTACLE_M = 2.0
 
 
-def rule_zone(scene: Scene) -> shapely.Geometry | None:
-    """The zone of the target's rule, None where it has no extent."""
-    sign, network = scene.target_sign, scene.network
+def rule_zones(scene: Scene) -> list[shapely.Geometry]:
+    """The zones of the targets' rules; one without an extent has none."""
+    zones = (_rule_zone(scene, sign) for sign in scene.target_signs)
+    return [zone for zone in zones if zone is not None]
+
+
+def _rule_zone(scene: Scene, sign: SignInstance) -> shapely.Geometry | None:
+    network = scene.network
     match sign.params:
         case ReservedLaneParams(zone_edges=edges, lanes=names):
             only = frozenset(names)
@@ -177,12 +182,12 @@ def destination_place(scene: Scene) -> tuple[shapely.Geometry, tuple[float, floa
     return shapely.union_all(areas), (x, y)
 
 
-def plate_line(scene: Scene) -> Array:
-    """The cross-section of the road at which the target's rule judges the ego's front, (2, 2).
+def plate_line(scene: Scene, sign: SignInstance) -> Array:
+    """The cross-section of the road at which a target's rule judges the ego's front, (2, 2).
 
     Of a junction's sign the end of its edge, each lane's own; of a pedestrian crossing the near side of its strip.
     """
-    network, sign = scene.network, scene.target_sign
+    network = scene.network
     lanes = network.edge_lanes(sign.edge)
     outer, inner, kerb = lanes[0], lanes[-1], network.to_kerb
     at = min(sign.position_m, outer.line.length), min(sign.position_m, inner.line.length)
@@ -287,8 +292,7 @@ _RING_M = ((1.5, "marking"), (1.1, "destination"), (0.5, "marking"))
 
 
 def zone_shapes(scene: Scene) -> Iterator[Shape]:
-    zone = rule_zone(scene)
-    if zone is not None:
+    for zone in rule_zones(scene):
         yield Area("plate_line", zone, 0.22)
 
 
@@ -313,15 +317,16 @@ def furniture_shapes(scene: Scene, country: Country | None = None) -> Iterator[S
     yield Area("destination", ground, 0.6)
     for radius, colour in _RING_M:
         yield Area(colour, shapely.Point(middle).buffer(radius))
-    for dash in dashes(plate_line(scene), 0.7, 0.5):
-        yield Line("plate_line", dash, 0.25)
+    for target in scene.target_signs:
+        for dash in dashes(plate_line(scene, target), 0.7, 0.5):
+            yield Line("plate_line", dash, 0.25)
     yield from obstacle_bodies(scene)
     turning, artwork = main_roads(scene.network, scene.signs), scene.artwork(country)
-    for sign in sorted(scene.signs, key=lambda s: s.id != scene.target):
+    for sign in sorted(scene.signs, key=lambda s: s.id not in scene.targets):
         away, clear = way_off(scene.network, sign)
         yield DrawnPlate(
             name=sign.id, role=sign.role, code=sign.code, value=sign.value, x=sign.x, y=sign.y, heading=sign.heading,
-            away=away, clear=clear, target=sign.id == scene.target, artwork=artwork,
+            away=away, clear=clear, target=sign.id in scene.targets, artwork=artwork,
             below=turning[sign.id].key if sign.id in turning else "",
         )  # fmt: skip
 

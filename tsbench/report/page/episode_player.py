@@ -7,7 +7,7 @@ stand in the header as the monitors gave them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.core.errors import InputError
-from tsbench.episode.trace import Trace, read_trace, verdict_to_dict
+from tsbench.episode.trace import Trace, read_trace, to_dict
 from tsbench.episode.traffic_view import TrafficView
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.tracks import actor_tracks, ego_rows
@@ -122,11 +122,11 @@ def pack_plate(artwork: Artwork, key: str) -> bytes:
 
 def _about(trace: Trace, artwork: Artwork) -> dict[str, Any]:
     spec = trace.spec
-    verdicts = ((replace(trace.target, violations=trace.against), True), *((v, False) for v in trace.others))
+    others = [event for verdict in trace.verdicts.others for event in verdict.violations]
     events = [
         {"target": target, **event, "unit": unit_words(event["unit"]), "sentence": readable(event["sentence"])}
-        for verdict, target in verdicts
-        for event in verdict_to_dict(verdict)["violations"]
+        for found, target in ((trace.against, True), (others, False))
+        for event in map(to_dict, found)
     ]
     told = {
         "planner": trace.planner,
@@ -137,18 +137,18 @@ def _about(trace: Trace, artwork: Artwork) -> dict[str, Any]:
         "plate": plate_key(spec.sign_code, spec.sign_value),
         "outcome": str(trace.outcome),
     }
-    judged = {"engaged": trace.target.engaged, "compliant": trace.target.compliant}
+    judged = {"engaged": trace.verdicts.engaged, "compliant": trace.verdicts.compliant}
     partner = None if trace.contact is None else trace.contact.partner
     events.sort(key=lambda e: (e["start_s"], not e["target"]))
     return {**told, "error": trace.error, **judged, "partner": partner, "events": events}
 
 
 def _gap(scene: Scene) -> float | None:
-    """What the target's rule asks to be left to vehicles with priority, s; None where there are none."""
-    params = scene.target_sign.params
-    if not isinstance(params, GiveWayParams) or not params.main_in:
-        return None
-    return scene.rule(scene.target_sign).thresholds["gap_s"]
+    """What a target's rule asks to be left to vehicles with priority, s; None where there are none."""
+    for sign in scene.target_signs:
+        if isinstance(sign.params, GiveWayParams) and sign.params.main_in:
+            return scene.rule(sign).thresholds["gap_s"]
+    return None
 
 
 def _told(trace: Trace, scene: Scene) -> list[dict[str, Any]]:

@@ -124,8 +124,8 @@ def score(spec: ScenarioSpec, planner: str, privileged: bool, facts: EpisodeFact
     row = head_row(spec, planner, privileged, facts.outcome, None)
     row.update({name: _plain(value) for name, value in episode_metrics(facts).items()})
     key = {"planner": planner, "scenario_id": spec.scenario_id}
-    found = [(facts.against, True)]
-    found += [(verdict.violations, False) for verdict in facts.others]
+    found = [(facts.verdicts.against, True)]
+    found += [(verdict.violations, False) for verdict in facts.verdicts.others]
     events = [{**key, "target": target, **_event(event)} for some, target in found for event in some]
     events.sort(key=lambda event: (not event["target"], event["start_s"], event["sign_id"], event["clause"]))
     for number, event in enumerate(events):

@@ -8,6 +8,7 @@ from tsbench.planners.base import Observation, PlannerContext, Privilege
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
 from tsbench.planners.geometry import HALF_LENGTH_M
 from tsbench.roads.lane_graph import RoutePath
+from tsbench.signs.annotations import SignInstance
 from tsbench.sim.navigation import RouteView
 
 # As near to the plate as leaves the junction free behind the ego.
@@ -18,8 +19,7 @@ _BRAKE_MPS2 = 2.0
 class ClosedRoadConstraint(RuleConstraint):
     """Follows navigation as far as the plate's line allows."""
 
-    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
-        sign = privilege.sign
+    def __init__(self, context: PlannerContext, privilege: Privilege, sign: SignInstance) -> None:
         self._edge, s = privilege.view.on_edge(sign.edge, sign.position_m)
         self._point = context.network.edge_lanes(self._edge)[0].line.point_at(s)
         self._path: RoutePath | None = None

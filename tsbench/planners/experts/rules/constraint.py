@@ -19,8 +19,8 @@ _FAR = 0.1
 class RuleConstraint:
     """Watches over one rule for one episode; asked once a tick, `route` first.
 
-    Made of a `PlannerContext` and a `Privilege`. approach: the edge from which it looks after a junction itself, "" for
-    none. alert_edges: those at whose end the network's right of way is not enough.
+    Made of a `PlannerContext`, a `Privilege` and one of its signs. approach: the edge from which it looks after a
+    junction itself, "" for none. alert_edges: those at whose end the network's right of way is not enough.
     """
 
     approach: str = ""

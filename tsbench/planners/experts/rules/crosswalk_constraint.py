@@ -15,6 +15,7 @@ from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow
 from tsbench.planners.geometry import HALF_LENGTH_M, moving_ahead
 from tsbench.planners.speed_profile import PathSamples
 from tsbench.roads.lane_graph import RoutePath
+from tsbench.signs.annotations import SignInstance
 from tsbench.signs.plate_params import CrosswalkParams
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import EGO_WIDTH_M, ActorKind, Agents
@@ -49,11 +50,11 @@ class _Crossing:
 class CrosswalkConstraint(RuleConstraint):
     """Follows navigation; asks at each tick before the crossing whether it may go on."""
 
-    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:  # noqa: ARG002
-        params = privilege.sign.params_as(CrosswalkParams)
+    def __init__(self, context: PlannerContext, privilege: Privilege, sign: SignInstance) -> None:  # noqa: ARG002
+        params = sign.params_as(CrosswalkParams)
         self._crossing = privilege.network.crossings[params.crossing]
         self._exit = privilege.view.on_edge(params.exit)[0]
-        self._clear = privilege.rule.thresholds["clearance_m"] + _SPARE_M
+        self._clear = privilege.rule(sign).thresholds["clearance_m"] + _SPARE_M
         (self._x, self._y), (x, y) = self._crossing.line.points[[0, -1]].tolist()
         self._length = math.hypot(x - self._x, y - self._y)
         self._c, self._s = (x - self._x) / self._length, (y - self._y) / self._length

@@ -8,6 +8,7 @@ from tsbench.planners.experts.rules.constraint import RuleConstraint
 from tsbench.planners.experts.rules.gap_acceptance import Yielding
 from tsbench.planners.experts.rules.way_through import paths_through
 from tsbench.roads.junction_paths import junction_paths
+from tsbench.signs.annotations import SignInstance
 from tsbench.signs.plate_params import GiveWayParams
 from tsbench.sim.navigation import RouteView
 
@@ -19,8 +20,8 @@ class GiveWayConstraint(RuleConstraint):
     let pass too, as at any other junction. `approach`: the edge from which this looks after the junction.
     """
 
-    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:  # noqa: ARG002
-        params, thresholds = privilege.sign.params_as(GiveWayParams), privilege.rule.thresholds
+    def __init__(self, context: PlannerContext, privilege: Privilege, sign: SignInstance) -> None:  # noqa: ARG002
+        params, thresholds = sign.params_as(GiveWayParams), privilege.rule(sign).thresholds
         network = privilege.network
         self.approach = privilege.view.on_edge(params.approach)[0]
         self.yielding = Yielding(

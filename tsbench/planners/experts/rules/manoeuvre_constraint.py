@@ -10,6 +10,7 @@ from tsbench.geometry.elementary import U_TURN, turn_class
 from tsbench.planners.base import Observation, PlannerContext, Privilege
 from tsbench.planners.experts.rules.constraint import RuleConstraint
 from tsbench.roads.lane_graph import MapGraph, Turn, heading_change
+from tsbench.signs.annotations import SignInstance
 from tsbench.signs.plate_params import JunctionParams
 from tsbench.sim.navigation import Navigator, RouteView
 
@@ -17,14 +18,14 @@ from tsbench.sim.navigation import Navigator, RouteView
 class ManoeuvreConstraint(RuleConstraint):
     """Leads the base planner by a navigator of its own, to the end: so it is never led back into the turn."""
 
-    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
-        self._context, self._sign = context, privilege.sign
-        self._banned = self.banned(context.graph, privilege)
+    def __init__(self, context: PlannerContext, privilege: Privilege, sign: SignInstance) -> None:
+        self._context, self._sign = context, sign
+        self._banned = self.banned(context.graph, privilege, sign)
         self._navigator: Navigator | None = None
 
-    def banned(self, graph: MapGraph, privilege: Privilege) -> frozenset[Turn]:
+    def banned(self, graph: MapGraph, privilege: Privilege, sign: SignInstance) -> frozenset[Turn]:
         """Turns that the way may not hold."""
-        return banned_turns(graph, privilege)
+        return banned_turns(graph, privilege, sign)
 
     def route(self, observation: Observation) -> RouteView:
         """The shortest way that the sign allows."""
@@ -68,10 +69,10 @@ class Without(MapGraph):
         return super().route(source, target, self._banned | avoid_turns, avoid_edges)
 
 
-def banned_turns(graph: MapGraph, privilege: Privilege) -> frozenset[Turn]:
+def banned_turns(graph: MapGraph, privilege: Privilege, sign: SignInstance) -> frozenset[Turn]:
     """The turns out of the signed approach that the rule does not allow."""
-    rule = privilege.rule
-    approach = privilege.view.on_edge(privilege.sign.params_as(JunctionParams).approach)[0]
+    rule = privilege.rule(sign)
+    approach = privilege.view.on_edge(sign.params_as(JunctionParams).approach)[0]
     straight, u_turn = rule.thresholds["straight_deg"], rule.thresholds["u_turn_deg"]
     allowed = rule.options["allowed"]
     return frozenset(

@@ -13,6 +13,7 @@ from tsbench.planners.experts.rules.speed_constraint import KMH, line_place
 from tsbench.planners.geometry import HALF_LENGTH_M, moving_ahead, obstacle_ahead
 from tsbench.planners.speed_profile import PathSamples
 from tsbench.roads.lane_graph import RoutePath
+from tsbench.signs.annotations import SignInstance
 from tsbench.sim.navigation import RouteView
 
 # This much above the minimum; speeding up begins where it takes this much, and never takes more.
@@ -33,11 +34,11 @@ _ROOM_S = 1.2
 class MinSpeedConstraint(RuleConstraint):
     """Speeds up in time for where the minimum binds and holds it, unless a slower vehicle is ahead."""
 
-    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
-        sign, self._roads = privilege.sign, context.network
+    def __init__(self, context: PlannerContext, privilege: Privilege, sign: SignInstance) -> None:
+        self._roads = context.network
         self._plate = privilege.view.on_edge(sign.edge, sign.position_m)
-        self._thresholds = privilege.rule.thresholds
-        self._minimum = privilege.sign.posted * KMH
+        self._thresholds = privilege.rule(sign).thresholds
+        self._minimum = sign.posted * KMH
         self._target = self._minimum + _ABOVE_KMH * KMH
         self._path: RoutePath | None = None
         self._samples: PathSamples

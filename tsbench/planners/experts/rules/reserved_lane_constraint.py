@@ -11,6 +11,7 @@ from tsbench.planners.geometry import HALF_LENGTH_M
 from tsbench.planners.lane_change import gap_free
 from tsbench.roads.lane_graph import MapGraph, RoutePath
 from tsbench.roads.road_map import MapLane
+from tsbench.signs.annotations import SignInstance
 from tsbench.signs.plate_params import ReservedLaneParams
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import EgoState
@@ -24,16 +25,16 @@ _SAME_M = 0.4
 class ReservedLaneConstraint(RuleConstraint):
     """On the navigation's route until there is a gap, then on its own, until navigation keeps out of the lane too."""
 
-    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
+    def __init__(self, context: PlannerContext, privilege: Privilege, sign: SignInstance) -> None:
         self._map, self._destination = context.network, context.destination
-        network, params = privilege.network, privilege.sign.params_as(ReservedLaneParams)
+        network, params = privilege.network, sign.params_as(ReservedLaneParams)
         lanes = [network.lane(name) for name in params.lanes]
         # The map has no cut where the lane begins, or ends, to be reserved.
         self._ends = [end for lane in lanes for end in (lane.line.points[0], lane.line.points[-1])]
         self._ends.append(network.edge_lanes(params.approach)[0].line.points[-1])
         self._reserved = frozenset(privilege.view.places[lane.index].lane for lane in lanes)
         self._graph = MapGraph(self._map, self._reserved)
-        self._to_left = privilege.rule.option("lane") == "rightmost"
+        self._to_left = privilege.rule(sign).option("lane") == "rightmost"
         self._path: RoutePath | None = None
         self._near, self._far = math.inf, -math.inf
         self._own: RoutePath | None = None

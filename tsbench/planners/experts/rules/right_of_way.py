@@ -32,7 +32,7 @@ class _Junction:
 
 
 class RightOfWay:
-    """Bounds the acceleration before each such junction; `but`: an approach (on the map) that a constraint looks after.
+    """Bounds the acceleration before each such junction; `but`: approaches (on the map) that constraints look after.
 
     alert_edges: those at whose end the ego has right of way, and looks out all the same for vehicles in the junction.
     demand: what is asked before the ego goes in front of a vehicle with right of way.
@@ -41,7 +41,7 @@ class RightOfWay:
     def __init__(
         self,
         privilege: Privilege,
-        but: str = "",
+        but: AbstractSet[str] = frozenset(),
         alert_edges: AbstractSet[str] = frozenset(),
         demand: GapRequirement = COURTESY,
     ) -> None:
@@ -69,12 +69,12 @@ class RightOfWay:
         return max(least for least, _ in asked), min(most for _, most in asked)
 
 
-def _minor(view: PlannerMap, path: RoutePath, but: str, alert_edges: AbstractSet[str]) -> list[_Junction]:
+def _minor(view: PlannerMap, path: RoutePath, but: AbstractSet[str], alert_edges: AbstractSet[str]) -> list[_Junction]:
     """The junctions of a path where its connection gives way, and those at the end of `alert_edges` edges, in order."""
     found = []
     for piece, after in zip(path.pieces, path.pieces[1:], strict=False):
         lane, link = view.map.lanes[piece.lane], view.crossed.get(after.lane)
-        if link is None or lane.edge == but or (link.state not in _MINOR and lane.edge not in alert_edges):
+        if link is None or lane.edge in but or (link.state not in _MINOR and lane.edge not in alert_edges):
             continue
         found.append(_Junction(piece.s1, view.chains[lane.edge][-1]))
     return found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from tsbench.planners.base import PlannerContext, Privilege
 from tsbench.planners.experts.rules.give_way_constraint import GiveWayConstraint
+from tsbench.signs.annotations import SignInstance
 from tsbench.signs.plate_params import RoundaboutParams
 
 
@@ -14,8 +15,6 @@ class RoundaboutConstraint(GiveWayConstraint):
     has right of way, but lets a vehicle go on that has driven in ahead of it.
     """
 
-    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
-        super().__init__(context, privilege)
-        self.alert_edges = frozenset(
-            privilege.view.on_edge(edge)[0] for edge in privilege.sign.params_as(RoundaboutParams).ring
-        )
+    def __init__(self, context: PlannerContext, privilege: Privilege, sign: SignInstance) -> None:
+        super().__init__(context, privilege, sign)
+        self.alert_edges = frozenset(privilege.view.on_edge(edge)[0] for edge in sign.params_as(RoundaboutParams).ring)

@@ -12,6 +12,7 @@ from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow
 from tsbench.planners.geometry import HALF_LENGTH_M
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import RoadMap
+from tsbench.signs.annotations import SignInstance
 from tsbench.sim.navigation import RouteView
 
 KMH = 1.0 / 3.6
@@ -23,11 +24,11 @@ _EARLY_M = 1.0
 class SpeedConstraint(RuleConstraint):
     """Brakes before the zone, holds the limit inside it."""
 
-    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
-        sign, self._roads = privilege.sign, context.network
+    def __init__(self, context: PlannerContext, privilege: Privilege, sign: SignInstance) -> None:
+        self._roads = context.network
         self._plate = privilege.view.on_edge(sign.edge, sign.position_m)
-        self._limit = (privilege.sign.posted - _MARGIN_KMH) * KMH
-        self._ended_by = privilege.rule.ended_by
+        self._limit = (sign.posted - _MARGIN_KMH) * KMH
+        self._ended_by = privilege.rule(sign).ended_by
         self._path: RoutePath | None = None
         self._line_s = math.inf
         self._inside = self._over = False
@@ -38,6 +39,9 @@ class SpeedConstraint(RuleConstraint):
         """Before the zone what it takes to be slow in time, inside it the limit, behind it nothing."""
         if self._over:
             return FREE
+        if not route.path.pieces:
+            # A way around an obstacle is on no lanes; the navigation's runs beside it.
+            route = observation.route
         if route.path is not self._path:
             self._path = route.path
             self._line_s = line_place(self._roads, route.path, *self._plate)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from tsbench.planners.base import Observation, PlannerContext, Privilege
 from tsbench.planners.experts.rules.constraint import slow_to
 from tsbench.planners.experts.rules.give_way_constraint import GiveWayConstraint
+from tsbench.signs.annotations import SignInstance
 from tsbench.sim.navigation import RouteView
 
 _HOLD_M = 1.0
@@ -16,9 +17,9 @@ _SURE = 0.5
 class StopConstraint(GiveWayConstraint):
     """Stops well within the rule's window, once on each approach; giving way may keep it standing."""
 
-    def __init__(self, context: PlannerContext, privilege: Privilege) -> None:
-        super().__init__(context, privilege)
-        thresholds = privilege.rule.thresholds
+    def __init__(self, context: PlannerContext, privilege: Privilege, sign: SignInstance) -> None:
+        super().__init__(context, privilege, sign)
+        thresholds = privilege.rule(sign).thresholds
         self._within = _SURE * thresholds["stop_within_m"]
         self._speed = _SURE * thresholds["stop_speed_mps"]
         self._stopped = False
