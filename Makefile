@@ -36,7 +36,7 @@ test-slow: setup
 # report. Goes on where it was stopped. The tables of the runs in `results` come with the repository; RESULTS=runs/mine drives everything
 # anew. `pages` drives nothing. A trial: ARGS="--types stop,speed --limit 4" RESULTS=/tmp/trial PAGES="copies of pages".
 RESULTS := results
-PAGES := docs/results.md docs/report.md docs/floor.md README.md
+PAGES := docs/results.md docs/report.md docs/floor.md docs/contrast.md README.md
 METADRIVE := $(RESULTS)/metadrive_simulator-0.4.3-py3-none-any.whl
 # CommonRoad's packages beside what PYTHONPATH names already, and MetaDrive's wheel.
 WITH_OTHERS = PYTHONPATH=$(VENV)/commonroad$${PYTHONPATH:+:$$PYTHONPATH} TSBENCH_METADRIVE=$(METADRIVE)

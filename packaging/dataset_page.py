@@ -25,7 +25,7 @@ from tsbench.report.analyses.columns import count_columns, text_columns
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import read_pool
 from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.spec import SIGNED, ScenarioSpec
+from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.annotations import DISTRACTOR
 from tsbench.sim.scene import SceneLayout
 
@@ -135,7 +135,7 @@ class Asked:
 
 
 def asked_of(layout: SceneLayout) -> Asked:
-    target = next(sign for sign in layout.signs if sign.id == layout.target)
+    target = next(sign for sign in layout.signs if sign.id == layout.targets[0])
     others = sorted((sign.code, sign.value, sign.edge) for sign in layout.signs if sign.role == DISTRACTOR)
     return Asked((target.code, target.value), target.edge, tuple(others), layout.start.lane, layout.destination.edge)
 
@@ -144,7 +144,9 @@ def type_axes(data: DataSet, specs: Sequence[ScenarioSpec], progress: Progress) 
     """One entry per type and split, in alphabetical order. Reads each signed row's scene. Raises InputError."""
     loader = SceneLoader(data)
     # Rows of a map one after the other: the store unpacks a map at a time.
-    signed = sorted((s for s in specs if s.half == SIGNED), key=lambda s: (s.split, s.pair_type, s.map_id, s.variant))
+    signed = sorted(
+        (s for s in specs if s.scenario_id == s.pair_name), key=lambda s: (s.split, s.pair_type, s.map_id, s.variant)
+    )
     groups: dict[tuple[str, str], list[tuple[ScenarioSpec, Asked]]] = defaultdict(list)
     for number, spec in enumerate(signed):
         progress(number + 1, len(signed))

@@ -13,7 +13,7 @@ import episode_builders as made
 import pyarrow.parquet as pq
 import pytest
 from command_line import in_process
-from run_builders import episodes, failed, lost, make_run, pairs
+from run_builders import episode, episodes, failed, lost, make_run, pairs
 
 from tsbench.metrics.scd import PARTS
 from tsbench.report.analyses.analysis import write_analysis
@@ -177,3 +177,23 @@ def test_a_run_from_before_pairs_reads_as_signed_rows(tmp_path: Path) -> None:
     assert {name: set(stored[name].to_pylist()) for name in LATER} == {name: {value} for name, value in LATER.items()}
     for name in OF_POOL.keys() - {"correlations"}:
         assert analyse_runs(name, [run], allow_partial=False).table.rows
+
+
+def test_a_square_names_the_sign_that_was_broken(analyse, tmp_path: Path) -> None:
+    """idm breaks the last sign in two rows of one square of two; a square with a row missing does not count."""
+    event = asdict(made.violation(3.0, clause="did_not_yield"))
+    kind = {"scenario_type": "limit_and_yield", "group": "two_signs"}
+    rows = []
+    for m in range(3):
+        for end in ("", "-c", "b", "b-c"):
+            name = f"limit_and_yield-m{m}-v0"
+            row = episode("idm", 0, m, 0) | kind | {"scenario_id": name + end, "pair_id": name + end.removesuffix("-c")}
+            half = {"half": "contrast"} if end.endswith("c") else {}
+            rows.append(row | half | (lost() if m == 1 and "b" not in end else {}))
+    where = {"planner": "idm", "number": 0, "target": True}
+    codes = {"limit_and_yield-m1-v0": "2.4", "limit_and_yield-m1-v0-c": "2.4"}
+    events = [event | where | {"scenario_id": name, "sign_code": code} for name, code in codes.items()]
+    make_run(tmp_path / "r", rows[:-1], events=events, asked=12)
+    (row,) = analyse("squares", "r", "--allow-partial")
+    assert (row["type"], row["planner"], row["n"]) == ("limit_and_yield", "idm", "2")
+    assert [number(row[key]) for key in ("squared_scd", "rows", "first", "last")] == [50.0, 3.0, 0.0, 25.0]

@@ -91,7 +91,7 @@ def test_the_target_and_what_binds_nobody_are_read_from_the_scene() -> None:
 
     layout = SimpleNamespace(
         signs=(plate("a", "1.1", "context"), plate("b", "2.4", "target"), plate("c", "3.24", "distractor")),
-        target="b",
+        targets=("b",),
         start=SimpleNamespace(lane="south_0"),
         destination=SimpleNamespace(edge="north"),
     )

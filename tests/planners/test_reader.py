@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
+
 from tsbench.episode.perception_level import EXACTLY, Perception, load_level
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.registry import resolve
@@ -41,3 +43,13 @@ def test_the_backs_of_the_other_arms_plates_are_read() -> None:
     assert passed(READER, None, "secondary_road") == [True, True]
     assert passed(READER, 1.0, "secondary_road") == [True, True]
     assert passed(READER, 0.0, "secondary_road") == [False, True]
+
+
+@pytest.mark.parametrize(("name", "rows_passed"), [("Reader", 4), ("FirstSign", 2), ("LastSign", 2)])
+def test_one_sign_of_two_is_half_of_a_square(name: str, rows_passed: int) -> None:
+    rows = [row for row in DataSet().table("two-signs") if row.pair_type == "limit_and_yield"][:4]
+    assert len({row.pair_name for row in rows}) == 1
+    runner = EpisodeRunner(resolve(f"tsbench.planners.reader:{name}"))
+    found = [make_record(runner.run(row), privileged=True).row["scd"] for row in rows]
+    runner.close()
+    assert sum(found) == rows_passed

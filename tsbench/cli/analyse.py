@@ -21,6 +21,7 @@ KINDS = {
     "perception": "SCD over perception levels, and what wrong perception did: runs with --perception.",
     "failures": "Each half: complied or not, arrived or not, what ended the rest, needless obedience.",
     "floor": "Every planner beside those that read no plate: SCD overall, by group and by type.",
+    "squares": "Scenarios with two signs: squared SCD, rows passed, and which sign's rule is broken, by type.",
     "correlations": "Spearman's correlation of each conventional metric with SCD, over planners, by group.",
 }
 

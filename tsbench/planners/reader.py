@@ -29,12 +29,13 @@ _SLOW_WITHIN_M, _BRAKE_MPS2, _SHARE = 40.0, 2.0, 0.55
 class Reader:
     """`idm` until a plate is read; then `idm-e` under the plates as they were read.
 
-    driver: how it drives in both cases.
+    driver: how it drives in both cases. reads: which of the scenario's signs.
     """
 
     privileged = True
     sign_access = True
     driver: ClassVar[IdmParameters] = IdmParameters()
+    reads: ClassVar[slice] = slice(None)
 
     def __init__(self) -> None:
         self._base = Idm(self.driver)
@@ -73,7 +74,7 @@ class Reader:
     def _read(self, observation: Observation) -> dict[str, tuple[str, float | None]]:
         found: dict[str, tuple[str, float | None]] = {}
         for seen in observation.signs:
-            for target in self._privilege.signs:
+            for target in self._privilege.signs[self.reads]:
                 if math.hypot(seen.x - target.x, seen.y - target.y) < _SAME_POST_M:
                     read = identified(seen)
                     if read.code:
@@ -92,6 +93,18 @@ class Reader:
         expert = Expert(Idm(self.driver))
         expert.reset(replace(self._context, privilege=replace(self._privilege, signs=signs)))
         return expert
+
+
+class FirstSign(Reader):
+    """Reads the first of two signs alone: how far that leads."""
+
+    reads = slice(1)
+
+
+class LastSign(Reader):
+    """Reads the last of two signs alone."""
+
+    reads = slice(-1, None)
 
 
 class Careful(Reader):

@@ -215,7 +215,7 @@ def rude(folder: Path, told: dict[str, Any]) -> str:
         ({"na\x1b[2Jme": "mine"}, r"isolated: .*unknown field `na\\x1b\[2Jme`"),
         ({"name": 7}, r"isolated: .*Expected `str`, got `int` - at `\$.name`"),
         ({"kind": "done"}, "isolated: .*unknown field"),
-        ({"protocol": 3}, "speaks protocol 3, this tsbench 4"),
+        ({"protocol": 3}, "speaks protocol 3, this tsbench 5"),
         ({"name": "x" * 101}, "says of itself what cannot be"),
         ({"name": "two\nlines"}, "says of itself what cannot be"),
     ],

@@ -267,7 +267,11 @@ OF_POOL: Mapping[str, Callable[[RunPool], Analysis]] = {
     "correlations": _later("correlations", "correlations"),
     "floor": floor,
 }
-_OF_RUNS = {"ablation": _later("paired_runs", "ablation"), "perception": _later("paired_runs", "perception")}
+_OF_RUNS = {
+    "ablation": _later("paired_runs", "ablation"),
+    "perception": _later("paired_runs", "perception"),
+    "squares": _later("squares", "squares"),
+}
 
 
 def analyse_runs(name: str, paths: Sequence[Path], allow_partial: bool) -> Analysis:
