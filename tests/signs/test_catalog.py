@@ -158,3 +158,9 @@ def test_a_ramp_has_the_speeds_of_its_road() -> None:
     assert ramp == road == (40.0, 50.0)
     assert load_catalog().allowed_speeds(road_class="highway.primary", code="5.21") == ()
     assert load_catalog().allowed_speeds(road_class="", code="5.21") is None
+
+
+def test_types_with_several_signs_stay_what_they_are_in_the_mirror() -> None:
+    catalog = load_catalog(mirrored=True)
+    assert [catalog.mirrored_type(kind.id) for kind in catalog.combined] == [kind.id for kind in catalog.combined]
+    assert catalog.mirrored_type("detour_left") == "detour_right"

@@ -86,8 +86,8 @@ class Catalog:
 
     def mirrored_type(self, type_id: str) -> str:
         """The id of the type whose signs are the mirror images of this one's: mostly its own."""
-        code = self.type(type_id).codes[0]
-        return self.sign(mirrored_code(self.signs, code)).type_id
+        kind = self.type(type_id)
+        return kind.id if kind.parts else self.sign(mirrored_code(self.signs, kind.codes[0])).type_id
 
     def allowed_codes(self, code: str) -> tuple[str, ...]:
         """Codes of all plates that may stand in a scene of a sign: it, what ends it, and its context."""
