@@ -162,7 +162,7 @@ def test_names_of_kept_results(run) -> None:
     out, _ = run("blind", "plant2-ft", "idm-e")
     for planner in ("plant2-ft", "idm-e"):
         assert f"A blind (kept results, floor), B {planner} (kept results): 1080 paired scenarios\n" in out
-    assert "planners with kept results (did you mean plant2-ft?): Lawless," in refused(run, "blind", "plant3-ft")
+    assert "planners with kept results (did you mean plant2-ft?): " in refused(run, "blind", "plant3-ft")
     assert "--csv and --png are of one comparison" in refused(run, "blind", "idm", "idm-e", "--csv", "x.csv")
 
 
