@@ -16,6 +16,7 @@ from tsbench.episode.outcome import EpisodeFacts, Outcome
 from tsbench.episode.trace import trace_path, write_trace
 from tsbench.report.page.episode_player import EpisodePacker
 from tsbench.roads.lane_graph import LaneGraph
+from tsbench.rules.monitor import Verdicts
 from tsbench.scenarios.data_set import DataSet
 
 HOSTILE = '<img src=x onerror="document.title=1">&amp;.py:Mine'
@@ -73,7 +74,7 @@ def make_pair_run(folder: Path) -> Path:
     event = made.violation(3.0, clause="needless_slow", x=90.0, y=-4.8)
     for scenario, half, facts in (
         (slow, "signed", an_episode(violated=False)),
-        (f"{slow}-c", "contrast", replace(an_episode(ticks=91), target=made.verdict(event))),
+        (f"{slow}-c", "contrast", replace(an_episode(ticks=91), verdicts=Verdicts((made.verdict(event),)))),
         (broken, "signed", an_episode()),
     ):
         spec = replace(made.spec(scenario), map_id="map-1-0", pair_id=scenario.removesuffix("-c"), half=half)
