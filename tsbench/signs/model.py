@@ -22,7 +22,7 @@ _Positive = Annotated[float, Meta(gt=0.0, lt=1e300)]
 
 GROUPS: tuple[str, ...] = get_args(Group)
 # The group of types with several signs.
-TWO_SIGNS = "two_signs"
+COMBINED = "two_signs"
 OUTLINES: tuple[str, ...] = get_args(Outline)
 
 # Of a value in a sentence, behind the point.
@@ -305,7 +305,7 @@ class ScenarioType:
     """The signs that share a row (from 1) of the table of types.
 
     codes: of its target signs, in numerical order. end_codes: of the plates that close its zone. parts: of a type with
-    several signs the types of each, in the order in which the ego meets them; its rows have the group TWO_SIGNS.
+    several signs the types of each, in the order in which the ego meets them; its rows have the group COMBINED.
     """
 
     id: str

@@ -7,8 +7,8 @@ from typing import Literal
 
 from tsbench.core.typed import Count, Number, Text, read_sheet
 from tsbench.signs.model import (
+    COMBINED,
     END_PLACES,
-    TWO_SIGNS,
     Clause,
     Distances,
     Group,
@@ -140,7 +140,7 @@ def _combined(file: _CombinedFile, types: Sequence[ScenarioType]) -> Iterator[Sc
                 raise ValueError(f"types: {name}: {part!r} is no type of one sign")
         last = known[parts[-1]]
         codes = tuple(code for part in parts for code in known[part].codes)
-        yield ScenarioType(name, number, TWO_SIGNS, last.family, codes, (), parts)
+        yield ScenarioType(name, number, COMBINED, last.family, codes, (), parts)
 
 
 def parse_sign(path: Path, rules: Mapping[str, RuleSpec]) -> Sign:

@@ -22,6 +22,7 @@ class LimitAheadPlacement(ScenePlacement):
     """
 
     def __init__(self, recipe: Recipe, last: ScenePlacement) -> None:
+        super().__init__(recipe)
         assert recipe.first is not None
         assert recipe.last is not None
         self._first = replace(recipe.first, numbers=recipe.first.numbers | recipe.numbers)

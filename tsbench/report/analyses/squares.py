@@ -29,7 +29,8 @@ def squares(paths: Sequence[Path], allow_partial: bool) -> Analysis:
     """The analysis of runs over scenarios with two signs. Raises InputError where there are none."""
     pool = read_pool(paths, allow_partial)
     catalog = pool.runs[0].data.catalog
-    rows = [row for kind in catalog.combined for row in _rows(pool, kind, _broken(pool, catalog))]
+    broken = _broken(pool, catalog)
+    rows = [row for kind in catalog.combined for row in _rows(pool, kind, broken)]
     if not rows:
         raise InputError(f"{paths[0]}: has no whole square (tsbench run --split two-signs drives them)")
     columns = (
