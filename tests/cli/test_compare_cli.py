@@ -236,7 +236,8 @@ def failures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
 def test_a_list_for_readers_and_for_programs(failures, tmp_path: Path) -> None:
     make_run(tmp_path / "x", episodes("idm", yield_m0_v0=END, speed_limit_m1_v0=failed("ValueError: π")))
     out, _ = failures("x", "--by", "clause")
-    assert out.startswith("error: 1 of 2 failures\n  idm/speed_limit-m1-v0\n    signed 2.4, planner_error, error: Va")
+    counts = "idm: 2 of 48 episodes failed: 1 error, 1 timeout\n"
+    assert out.startswith(f"{counts}error: 1 of 2 failures\n  idm/speed_limit-m1-v0\n    signed 2.4, planner_error, er")
     (first, second) = json.loads(failures("x", "--json")[0])
     assert first["sentence"] == "ValueError: π"
     assert second == {
@@ -247,7 +248,7 @@ def test_a_list_for_readers_and_for_programs(failures, tmp_path: Path) -> None:
 
 def test_nothing_failed(failures, tmp_path: Path) -> None:
     make_run(tmp_path / "x", episodes("idm"))
-    assert failures("x")[0] == "x: none of its 48 episodes failed\n"
+    assert failures("x")[0] == "idm: 0 of 48 episodes failed\n"
     assert json.loads(failures("x", "--json")[0]) == []
 
 

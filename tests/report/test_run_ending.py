@@ -98,8 +98,12 @@ def test_every_failure_has_its_sentence(run: StoredRun) -> None:
 
 def test_groups_of_a_list(run: StoredRun) -> None:
     found = failures_of(run)
-    heads = {by: [line for line in listing(run, found, by) if line[0] != " "] for by in GROUPINGS}
-    assert heads["planner"][0].startswith("idm: 5 of 6 episodes failed: 2 entered_while_blocked, 1 timeout,")
+    lines = {by: list(listing(run, found, by)) for by in GROUPINGS}
+    counts = ["idm: 5 of 6 episodes failed: 2 entered_while_blocked, 1 timeout, 1 off_road, 1", "    collision"]
+    counts += ["mine: 1 of 6 episodes failed: 1 error"]
+    assert [told[:3] for told in lines.values()] == [counts] * 3
+    heads = {by: [line for line in told[3:] if line[0] != " "] for by, told in lines.items()}
+    assert heads["planner"] == ["idm: 5 of 6 failures", "mine: 1 of 6 failures"]
     assert heads["type"] == ["speed_limit: 3 of 6 failures", "yield: 3 of 6 failures"]
     assert [head.split(":")[0] for head in heads["clause"]] == [
         "entered_while_blocked", "timeout", "off_road", "collision", "error",

@@ -27,7 +27,7 @@ _LARGEST = "Largest size of the file; players are left out, violations last."
 @click.option("--json", "as_json", is_flag=True, help="A list for programs, in no groups.")
 @options.allow_partial
 def failures(run: Path, by: str, as_json: bool, allow_partial: bool) -> None:
-    """List the episodes of the run folder RUN without SCD: which half, how each ended, and what happened."""
+    """Count the episodes of the run folder RUN without SCD, then list them: which half, its end, what happened."""
     stored = read_run(run)
     partial = name_holes({name: stored.holes(name) for name in stored.asked}, stored.asked, allow_partial)
     found = failures_of(stored)
@@ -38,8 +38,6 @@ def failures(run: Path, by: str, as_json: bool, allow_partial: bool) -> None:
         click.echo(f"PARTIAL, scenarios without a record ({partial})")
     for line in listing(stored, found, by):
         click.echo(line)
-    if not found:
-        click.echo(f"{run}: none of its {len(stored.episodes)} episodes failed")
 
 
 @click.command()

@@ -184,16 +184,18 @@ def _wrapped(text: str, most: int | None = None) -> list[str]:
 
 
 def listing(run: StoredRun, failures: Sequence[Failure], by: str) -> Iterator[str]:
-    """Lines of 80 columns: groups, the largest first, and in each its episodes with what happened.
+    """Lines of 80 columns: what came of each planner, then groups, the largest first, with their episodes.
 
     by: one of GROUPINGS.
     """
+    for planner in run.asked:
+        yield from _wrapped(counted(failures, run, planner))
     groups: dict[str, list[Failure]] = {}
     for failure in failures:
         groups.setdefault(getattr(failure, GROUPINGS[by]), []).append(failure)
     for name, own in sorted(groups.items(), key=lambda group: -len(group[1])):
-        title = counted(own, run, name) if by == "planner" else f"{name}: {len(own)} of {len(failures)} failures"
-        yield from _wrapped(title)
+        if len(groups) > 1:
+            yield from _wrapped(f"{name}: {len(own)} of {len(failures)} failures")
         for failure in own:
             yield f"  {failure.name}"
             facts = dict.fromkeys((f"{failure.half} {failure.plate}", failure.outcome, failure.cause))
