@@ -119,7 +119,7 @@ def _forest(matched: Matched) -> Figure:
         "x: completed only, pairs without an error outcome; their n in brackets",
         fontsize=7.5,
     )
-    lines = [*matched.warnings, f"A: {matched.a.label}", f"B: {matched.b.label}", _contract_line(matched)]
+    lines = [*matched.warnings, f"A: {matched.a.label}", f"B: {matched.b.label}", _edition_line(matched)]
     drawing.suptitle("\n".join(lines), fontsize=8, x=0.01, ha="left", parse_math=False)
     return drawing
 
@@ -138,9 +138,10 @@ def _draw_mark(axes: Any, y: int, mark: Mark) -> None:
     axes.plot(mark.value, y, marker=mark.marker, color=mark.colour, markerfacecolor=face, markersize=5, zorder=3)
 
 
-def _contract_line(matched: Matched) -> str:
-    a, b = matched.contracts
-    return f"contract {a}" if a == b else f"contracts A {a[:24]}…, B {b[:24]}…"
+def _edition_line(matched: Matched) -> str:
+    runs = matched.a.run, matched.b.run
+    a, b = (f"edition {run.edition}, {run.manifest['effective']['split']} split" for run in runs)
+    return a if a == b else f"A {a}; B {b}"
 
 
 _LABELS_IN, _PANEL_IN, _REST_IN = 1.4, 2.3, 1.75
@@ -223,5 +224,5 @@ def put_key(figure: Figure, unit: str, handles: Sequence[Any], stacked: bool = F
     )
 
 
-def put_title(figure: Figure, title: str, contract: str) -> None:
-    figure.suptitle(f"{title}\ncontract {contract}", fontsize=8, x=0.01, ha="left", parse_math=False)
+def put_title(figure: Figure, title: str, edition: str) -> None:
+    figure.suptitle(f"{title}\nedition {edition}", fontsize=8, x=0.01, ha="left", parse_math=False)

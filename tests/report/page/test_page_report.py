@@ -77,6 +77,11 @@ def test_the_page_holds_the_summarys_figures(reported: tuple[Path, Written, str]
     assert len(failed) == len(summary.planners)
     assert all(0 < text.index(words) < first for words in failed), "above the tables"
     assert run_builders.CONTRACT in text
+    figures = re.findall(r"<figure.*?</figure>", page, re.DOTALL)
+    assert len(figures) == 4
+    assert not any(run_builders.CONTRACT in figure for figure in figures)
+    edition = f">edition {read_pool([run], False).edition}<"
+    assert ["test split" in figure and edition in figure for figure in figures] == [True, False] * 2, "wide ones"
     assert "PARTIAL" not in text
     for head in ("Summary", "How sure", "By type", "Planners compared", "Failures", "Episodes"):
         assert f"<h2>{head}</h2>" in page

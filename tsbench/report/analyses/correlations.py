@@ -174,5 +174,5 @@ def _draw(pool: RunPool, title: str, stacked: bool = False) -> Figure:
     unit = f"Spearman's ρ with {NAMES[present_parts(pool.summaries)[0]]}, from -1 to 1; n: planners"
     figure = forest_panels(panels, unit, (-1.0, 1.0), key, stacked=stacked)
     if not stacked:
-        put_title(figure, title, pool.contract)
+        put_title(figure, title, pool.edition)
     return figure

@@ -217,5 +217,5 @@ def _draw(pool: RunPool, splits: Mapping[Key, Split], title: str, stacked: bool 
     handles, _ = panels[0].get_legend_handles_labels()
     put_key(figure, "share of episodes, % (strict); n: how many episodes", handles, stacked)
     if not stacked:
-        put_title(figure, title, pool.contract)
+        put_title(figure, title, pool.edition)
     return figure

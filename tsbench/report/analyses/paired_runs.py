@@ -100,7 +100,7 @@ def _ablation(plain: RunPool, masked: RunPool, found: Mapping[str, Comparison]) 
         *([f"without a partner, left out: {', '.join(alone)}"] if alone else []),
     )
     table = Table(columns, rows, 4)
-    draw = partial(_draw_ablation, {plain.label(name): c for name, c in found.items()}, title, plain.contract)
+    draw = partial(_draw_ablation, {plain.label(name): c for name, c in found.items()}, title, plain.edition)
     return Analysis("ablation", title, plain.contract, table, notes, draw)
 
 
@@ -118,7 +118,7 @@ def _ablation_rows(planner: str, c: Comparison) -> Iterator[Row]:
             yield Row(cells, starts=not k and not second, faint=bool(second))
 
 
-def _draw_ablation(found: Mapping[str, Comparison], title: str, contract: str) -> Figure:
+def _draw_ablation(found: Mapping[str, Comparison], title: str, edition: str) -> Figure:
     part = next(part for part in PARTS if any(part in c.scores for c in found.values()))
     figures = {planner: c.scores[part].panels(ALL) for planner, c in found.items() if part in c.scores}
     panels: dict[str, list[ForestRow]] = {name: [] for named in figures.values() for name in named}
@@ -137,7 +137,7 @@ def _draw_ablation(found: Mapping[str, Comparison], title: str, contract: str) -
         "right of each panel: lost/gained of n"
     )
     drawing = forest_panels(panels, unit, (-100.0, 100.0), key, "lost/gained")
-    put_title(drawing, title, contract)
+    put_title(drawing, title, edition)
     return drawing
 
 
@@ -232,5 +232,5 @@ def _draw_levels(pools: dict[str, RunPool], names: Sequence[str], title: str) ->
     axes.grid(axis="y", color="#e4e4e4", linewidth=0.6)
     for text in axes.legend(fontsize=8, frameon=False).get_texts():
         text.set(parse_math=False)
-    put_title(figure, title, next(iter(pools.values())).contract)
+    put_title(figure, title, next(iter(pools.values())).edition)
     return figure

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 _HALF = 50.0
 
 
-def per_type(planners: Sequence[PlannerSummary], title: str, contract: str) -> Analysis:
+def per_type(planners: Sequence[PlannerSummary], title: str, contract: str, edition: str) -> Analysis:
     """Rows for each type: a figure of SCD in each, and once more completed only, where errors make a difference."""
     rows: list[Row] = []
     parts, last = present_parts(planners), ""
@@ -71,7 +71,7 @@ def per_type(planners: Sequence[PlannerSummary], title: str, contract: str) -> A
         f"{READINGS_NOTE}, where that differs",
     )
     table = Table(tuple(columns), tuple(rows), 4, 12)
-    return Analysis("types", title, contract, table, notes, partial(_draw, planners, title, contract))
+    return Analysis("types", title, contract, table, notes, partial(_draw, planners, title, edition))
 
 
 def _figure(p: PlannerSummary, part: str, kind: str) -> StrictAndCompleted[Estimate] | None:
@@ -90,7 +90,7 @@ def _cells(
     return [*cells, with_rings(told, kind, placed)]
 
 
-def _draw(planners: Sequence[PlannerSummary], title: str, contract: str) -> Figure:
+def _draw(planners: Sequence[PlannerSummary], title: str, edition: str) -> Figure:
     from matplotlib.figure import Figure  # a run ends with this table, and needs no picture of it
 
     from tsbench.report.forest import put_counts, put_title
@@ -120,7 +120,7 @@ def _draw(planners: Sequence[PlannerSummary], title: str, contract: str) -> Figu
     bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=40)
     bar.set_label(f"{NAMES[primary]}, % of n for each planner (strict)", fontsize=8)
     bar.ax.tick_params(labelsize=8)
-    put_title(figure, title, contract)
+    put_title(figure, title, edition)
     return figure
 
 
@@ -190,7 +190,7 @@ def _rows(p: PlannerSummary, shown: Sequence[tuple[str, str]], beside: str) -> I
 def run_tables(summary: Summary) -> tuple[Analysis, ...]:
     return (
         main_table(summary.planners, summary.title, summary.contract_hash),
-        per_type(summary.planners, f"{summary.title}: SCD by type", summary.contract_hash),
+        per_type(summary.planners, f"{summary.title}: SCD by type", summary.contract_hash, summary.edition),
     )
 
 
@@ -261,7 +261,7 @@ def _later(module: str, name: str) -> Callable[..., Analysis]:
 
 OF_POOL: Mapping[str, Callable[[RunPool], Analysis]] = {
     "main": lambda pool: main_table(pool.summaries, pool.title("Main table"), pool.contract, pool.contract),
-    "types": lambda pool: per_type(pool.summaries, pool.title("SCD by type"), pool.contract),
+    "types": lambda pool: per_type(pool.summaries, pool.title("SCD by type"), pool.contract, pool.edition),
     "intervals": _later("scd_intervals", "intervals"),
     "failures": _later("failures", "failures"),
     "correlations": _later("correlations", "correlations"),

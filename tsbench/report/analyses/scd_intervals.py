@@ -75,7 +75,7 @@ def _draw(pool: RunPool, title: str, stacked: bool = False) -> Figure:
     unit = f"{NAMES[primary]}, % (macro mean over types); n: what it rests on"
     figure = forest_panels(panels, unit, (0.0, 100.0), key, stacked=stacked)
     if not stacked:
-        put_title(figure, title, pool.contract)
+        put_title(figure, title, pool.edition)
     return figure
 
 
