@@ -91,7 +91,7 @@ for name in ("api.evaluate", "api.drive", "cli.city", "cli.scenarios", "cli.lead
 
 
 @pytest.mark.parametrize(
-    "code", [BASE, "import sys, tsbench.report.page.report_page; assert 'libsumo' not in sys.modules"]
+    "code", [BASE, "import sys, tsbench.report.page.report_server; assert 'libsumo' not in sys.modules"]
 )
 def test_the_base_needs_no_extra_and_starts_and_makes_reports_without_sumo(code: str) -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

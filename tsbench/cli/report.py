@@ -68,7 +68,8 @@ def report(runs: tuple[Path, ...], out: Path | None, **asked: Any) -> None:
 def view(runs: tuple[Path, ...], port: int) -> None:
     """Serve the reports of RUNs (default: all below runs/) to a browser on this machine, until Ctrl-C.
 
-    Every traced episode can be played: its trace is read when it is asked for.
+    Every traced episode can be played. The other half of a failure is driven again, and has a trace then, where it has
+    none; a line of the page says so.
     """
     from tsbench.report.page.report_server import HOST, make_server, runs_below  # brings matplotlib
 

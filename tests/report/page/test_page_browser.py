@@ -353,7 +353,7 @@ def test_both_halves_are_played_in_step(chromium: Browser, paired: Path) -> None
         until(page, f"tsb.player.episode?.scenario === '{broken}'")
         assert page.evaluate("tsb.player.halves.length") == 1
         assert page.locator("#player-half-2").is_hidden()
-        assert f"tsbench render '{paired.parent}' --failures drives" in page.inner_text("#player-alone")
+        assert f"tsbench view '{paired.parent}' drives it again" in page.inner_text("#player-alone")
 
 
 def test_a_camera_takes_the_other_along(chromium: Browser, paired: Path) -> None:

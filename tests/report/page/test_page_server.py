@@ -27,6 +27,7 @@ from tsbench.core.errors import InputError
 from tsbench.episode.trace import trace_path
 from tsbench.report.page import report_sections
 from tsbench.report.page import report_server as serving
+from tsbench.report.page.episode_player import EpisodePacker
 from tsbench.report.page.report_server import make_server, runs_below
 from tsbench.run.log.journal import JOURNAL, encode
 from tsbench.run.log.schema import TABLES, TIMING
@@ -191,6 +192,31 @@ def test_other_addresses_name_nothing(one_port: int, path: str) -> None:
     assert b"root:" not in body
     assert b"schema_version" not in body
     assert len(body) < 300
+
+
+def test_the_other_half_of_a_failure_is_driven_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serving, "EpisodePacker", EpisodePacker)
+    run = tmp_path / "driven"
+    with pytest.raises(SystemExit, match="0"):
+        main(["run", "--planner", "idm", "--split", "dev", "--types", "yield", "--limit", "1", "--out", str(run)])
+    (failed,) = (run / "traces" / "idm").iterdir()
+    server = make_server([run], 0)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    answers = [ask(server.server_address[1], f"/run/0/data/episode/{row}") for row in (0, 1, 2)]
+    server.shutdown()
+    server.server_close()
+    assert [status for status, _, _ in answers] == [200, 200, 404]
+    halves = {header["scenario"]: header["half"] for header in (unpack(body)[0] for _, _, body in answers[:2])}
+    assert halves == {failed.stem: "signed", f"{failed.stem}-c": "contrast"}
+    assert len(list(failed.parent.iterdir())) == 2
+
+
+def test_a_half_that_cannot_be_driven_again_says_why(tmp_path: Path) -> None:
+    with served(page_runs.make_pair_run(tmp_path / "pairs")) as port:
+        answers = [ask(port, f"/run/0/data/episode/{row}") for row in range(96)]
+    (why,) = (body.decode() for status, _, body in answers if status == 422)
+    assert f"idm/{TRACED[1]}-c has no trace and cannot be driven again: the run has another contract" in why
+    assert sum(status == 200 for status, _, _ in answers) == 3
 
 
 def test_a_link_out_of_the_run_is_not_followed(port: int, run: Path, tmp_path: Path) -> None:

@@ -203,7 +203,7 @@ class EpisodeIndex:
     data: DataSet
     columns: Mapping[str, Sequence[Any]]
     stories: Mapping[Key, Row]
-    traces: Mapping[int, Path]
+    traces: dict[int, Path]
     notes: tuple[str, ...]
     partners: Mapping[int, int]
     passes: Mapping[int, str]
@@ -213,6 +213,11 @@ class EpisodeIndex:
 
     def key(self, row: int) -> Key:
         return self.columns["planner"][row], self.columns["scenario_id"][row]
+
+    def within_reach(self) -> set[int]:
+        """Rows with a trace, and of failures among them the other halves, which can be driven again."""
+        failed = [row for row in self.traces if not self.columns["scd"][row]]
+        return {*self.traces, *(self.partners[row] for row in failed if row in self.partners)}
 
 
 def index_episodes(pool: RunPool) -> EpisodeIndex:

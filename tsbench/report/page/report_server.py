@@ -1,5 +1,7 @@
 """`tsbench view`: reports of runs on the loopback interface, their players packed when they are asked for.
 
+The other half of a failure is driven again, in a process of its own, where it has no trace.
+
 Nothing of an address ever becomes a path: it names a run by its number, an episode by its row, a network by a hash that
 an episode named before, a plate by its key in the catalogue. Only requests that name this very host are answered, so
 that no page of another site can read runs through a name that resolves to this machine.
@@ -21,14 +23,16 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from tsbench.core.errors import InputError
-from tsbench.report.analyses.run_pool import EpisodeIndex, RunPool, index_episodes, read_pool
+from tsbench.core.errors import InputError, TsbenchError
+from tsbench.core.parallel import worker_processes
+from tsbench.episode.trace import trace_path
+from tsbench.report.analyses.run_pool import EpisodeIndex, Key, RunPool, index_episodes, read_pool
 from tsbench.report.page.episode_player import EpisodePacker, pack_plate
 from tsbench.report.page.page_format import render_page
 from tsbench.report.page.report_page import served_page
 from tsbench.run.log.journal import JOURNAL, lines_so_far
 from tsbench.run.log.manifest import NAME, read_manifest
-from tsbench.run.log.read import is_run
+from tsbench.run.log.read import is_run, read_run
 
 HOST = "127.0.0.1"
 _RUN = re.compile(r"/run/(\d{1,6})/")
@@ -104,13 +108,18 @@ class Library:
 
     def _episode(self, run: OpenedRun, name: str) -> bytes:
         row = int(name) if name.isascii() and name.isdecimal() else -1
-        path = run.index.traces.get(row)
-        if path is None:
+        if row not in run.index.within_reach():
             raise NotThere(f"no trace of episode {name}")
-        home = run.pool.home[run.index.columns["planner"][row]].path
+        key = run.index.key(row)
+        home = run.pool.home[key[0]].path
+        if row not in run.index.traces:
+            with worker_processes(1, "driving an episode again") as again:
+                again.start(_drive_again, home, key)()
+            run.index.traces[row] = trace_path(home, *key)
+        path = run.index.traces[row]
         if not path.resolve().is_relative_to(home.resolve()):
             raise NotThere(f"the trace of episode {name} lies outside its run")
-        packed = run.packer.pack(path, run.index.key(row))
+        packed = run.packer.pack(path, key)
         run.roads[packed.net] = packed.roads
         return packed.episode
 
@@ -126,6 +135,13 @@ class Library:
             index = index_episodes(pool)
             opened = self._opened[number] = OpenedRun(mark, pool, index, EpisodePacker(index.data))
         return opened
+
+
+def _drive_again(run: Path, key: Key) -> None:
+    """Give an episode a trace. Raises InputError where it cannot be driven again as it was."""
+    from tsbench.run.run_traces import Traces  # brings libsumo, which no server needs
+
+    Traces(read_run(run, under_way=True)).read(*key)
 
 
 def _state(path: Path) -> tuple[int, int]:
@@ -217,7 +233,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._answer(HTTPStatus.OK, *self._find())
         except NotThere as problem:
             self._answer(HTTPStatus.NOT_FOUND, _TEXT, f"{problem}\n".encode())
-        except InputError as problem:
+        except TsbenchError as problem:
             self._answer(HTTPStatus.UNPROCESSABLE_ENTITY, _TEXT, f"{problem}\n".encode())
 
     do_HEAD = do_GET  # noqa: N815

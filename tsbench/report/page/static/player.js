@@ -72,9 +72,11 @@ tsb.player = (() => {
     pause();
     if (!dialog.open) { dialog.showModal(); dialog.scrollTop = 0; }
     stages[0].get("verdict").replaceChildren(el("p", { class: "faint" }, "loading …"));
-    let found;
+    let found, why = "";
+    const alone = (problem) => { why = problem.message; return null; };
     try {
-      found = await Promise.all([row, ...(other === null || !api.can(other) ? [] : [other])].map(Half.load));
+      found = await Promise.all([Half.load(row), other === null || !api.can(other) ? null : Half.load(other).catch(alone)]);
+      found = found.filter((one) => one !== null);
     } catch (problem) {
       if (mine !== asked) return;
       main = null;
@@ -87,7 +89,7 @@ tsb.player = (() => {
     if (!beside) found.sort((a, b) => (a.episode.half === "contrast") - (b.episode.half === "contrast"));
     arrange(found.length);
     get("alone").hidden = beside !== "" || other === null || found.length > 1;
-    get("folder").textContent = tsb.json("folders")?.[api.who(row)] ?? "";
+    get("why").textContent = why || `tsbench view ${tsb.json("folders")?.[api.who(row)] ?? ""} drives it again, and shows it.`;
     const name = ({ episode, row: at }) => found.length < 2 ? "" : beside ? api.who(at) : `${episode.half} half`;
     found.forEach((one, k) => stages[k].show(one, name(one)));
     main = shown[found.findIndex((one) => one.row === row)];
