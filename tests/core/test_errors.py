@@ -12,17 +12,22 @@ from tsbench.planners.loading import import_attribute
 
 PLANNER = """
 import json
+from tsbench import Control
 
 def divides():
     return 1 / 0
 
 def reads():
     return json.loads("{")
+
+def moves():
+    Control(1.0, 0.0).steering = 3
 """
 
 
 @pytest.mark.parametrize(
-    ("name", "said"), [("divides", "ZeroDivisionError: division by zero (mine.py:5)"), ("reads", "JSONDecodeError: ")]
+    ("name", "said"),
+    [("divides", "ZeroDivisionError: division by zero (mine.py:6)"), ("reads", "JSONDecode"), ("moves", "FrozenInst")],
 )
 def test_a_planners_own_line_is_named(tmp_path: Path, name: str, said: str) -> None:
     """Of the frames the last that is neither Python's nor tsbench's."""

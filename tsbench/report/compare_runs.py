@@ -53,7 +53,6 @@ class Matched:
     """A comparison with what must be said beside it.
 
     warnings: why the figures are not plain ones, part of the title; notes: other things in which the runs differ.
-    contracts: of A and of B.
     """
 
     a: Side
@@ -61,7 +60,6 @@ class Matched:
     comparison: Comparison
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
-    contracts: tuple[str, str]
 
     @property
     def title(self) -> str:
@@ -95,10 +93,9 @@ def match(a: Side, b: Side, *, force: bool, allow_partial: bool) -> Matched:
     warnings += _selections(a, b, len(left), len(right), len(first), force, bool(partial))
     if not len(first):
         raise InputError(f"{a.label} and {b.label} have no scenario in common: nothing to compare")
-    contracts = a.run.contract, b.run.contract
-    comparison = compare(first, second, seed="\n".join(sorted(set(contracts))))
+    comparison = compare(first, second, seed="\n".join(sorted({a.run.contract, b.run.contract})))
     notes = tuple(f"{key}: A {x}, B {y}" for key, (x, y) in differing(a.run, b.run, _EXPLAINS).items())
-    return Matched(a, b, comparison, (*partial, *warnings), notes, contracts)
+    return Matched(a, b, comparison, (*partial, *warnings), notes)
 
 
 def find_side(text: str, beside: StoredRun | None = None) -> Side:
@@ -248,7 +245,7 @@ def _primary(matched: Matched) -> tuple[str, dict[str, Difference]]:
 
 def comparison_analyses(matched: Matched) -> tuple[Analysis, ...]:
     """A table for each figure of SCD, the primary one first, and one of the other metrics."""
-    c, (a, b) = matched.comparison, matched.contracts
+    c, a, b = matched.comparison, matched.a.run.contract, matched.b.run.contract
     editions = [f"edition {side.run.edition}, contract {side.run.contract}" for side in (matched.a, matched.b)]
     others = (f"A {editions[0]}", f"B {editions[1]}") if a != b else ()
     notes = (*(f"note: {line}" for line in matched.notes), *others)

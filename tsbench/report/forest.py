@@ -119,7 +119,9 @@ def _forest(matched: Matched) -> Figure:
         "x: completed only, pairs without an error outcome; their n in brackets",
         fontsize=7.5,
     )
-    lines = [*matched.warnings, f"A: {matched.a.label}", f"B: {matched.b.label}", _edition_line(matched)]
+    runs = matched.a.run, matched.b.run
+    made_of = dict.fromkeys(f"edition {run.edition}, {run.manifest['effective']['split']} split" for run in runs)
+    lines = [*matched.warnings, f"A: {matched.a.label}", f"B: {matched.b.label}", *made_of]
     drawing.suptitle("\n".join(lines), fontsize=8, x=0.01, ha="left", parse_math=False)
     return drawing
 
@@ -136,12 +138,6 @@ def _draw_mark(axes: Any, y: int, mark: Mark) -> None:
         axes.plot(mark.cross, y, marker="x", color=mark.colour, markersize=5, zorder=2)
     face = mark.colour if mark.filled else "white"
     axes.plot(mark.value, y, marker=mark.marker, color=mark.colour, markerfacecolor=face, markersize=5, zorder=3)
-
-
-def _edition_line(matched: Matched) -> str:
-    runs = matched.a.run, matched.b.run
-    a, b = (f"edition {run.edition}, {run.manifest['effective']['split']} split" for run in runs)
-    return a if a == b else f"A {a}; B {b}"
 
 
 _LABELS_IN, _PANEL_IN, _REST_IN = 1.4, 2.3, 1.75

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,12 +13,9 @@ import pytest
 from browsing import DESKTOP, PHONE, until
 from page_runs import HOSTILE, SENTENCE, TRACED
 from patience import HANG_S
-from test_page_server import under_way
+from test_page_report import write
+from test_page_server import served, under_way
 
-from tsbench.report.page import report_page as embedding
-from tsbench.report.page import report_server as serving
-from tsbench.report.page.report_page import write_report
-from tsbench.report.page.report_server import make_server
 from tsbench.run.log.journal import JOURNAL, encode
 
 if TYPE_CHECKING:
@@ -33,11 +29,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def report(run: Path) -> Path:
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(embedding, "_packer", page_runs.packer)
-        return write_report(
-            [run], None, allow_partial=False, max_mb=20.0, workers=1, progress=lambda done, of: None
-        ).path
+    return write(run)[0].path
 
 
 opened = partial(browsing.opened, ready="#episode-table tbody tr")
@@ -246,44 +238,24 @@ def test_a_phone_in_the_dark(chromium: Browser, report: Path) -> None:
         assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(251, 251, 249)"
 
 
-def test_a_served_run_fetches_what_it_plays(chromium: Browser, run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serving, "EpisodePacker", page_runs.packer)
-    server = make_server([run], 0)
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
-    thread.start()
-    url = f"http://127.0.0.1:{server.server_address[1]}/run/0/#play={quote(f'{HOSTILE}/{TRACED[0]}', safe='')}"
-    try:
-        with opened(chromium, url) as page:
-            until(page, "tsb.player.episode !== null")
-            assert SENTENCE in page.inner_text("#player-verdict")
-            until(page, "[...document.querySelectorAll('#player-plate')].every(i => i.naturalWidth > 0)")
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
+def test_a_served_run_fetches_what_it_plays(chromium: Browser, run: Path) -> None:
+    played = f"#play={quote(f'{HOSTILE}/{TRACED[0]}', safe='')}"
+    with served(run) as port, opened(chromium, f"http://127.0.0.1:{port}/run/0/{played}") as page:
+        until(page, "tsb.player.episode !== null")
+        assert SENTENCE in page.inner_text("#player-verdict")
+        until(page, "[...document.querySelectorAll('#player-plate')].every(i => i.naturalWidth > 0)")
 
 
-def test_the_page_of_a_run_that_goes_on_loads_its_new_episodes(
-    chromium: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(serving, "EpisodePacker", page_runs.packer)
+def test_the_page_of_a_run_that_goes_on_loads_its_new_episodes(chromium: Browser, tmp_path: Path) -> None:
     made = page_runs.make_run(tmp_path / "run")
     lines, journal = under_way(made), made / JOURNAL
     journal.write_bytes(encode({"run": "this"}) + b"".join(lines[:3]))
-    server = make_server([made], 0)
-    thread = threading.Thread(target=server.serve_forever, daemon=True)
-    thread.start()
-    try:
-        with opened(chromium, f"http://127.0.0.1:{server.server_address[1]}/run/0/") as page:
-            until(page, "!document.getElementById('live').hidden")
-            assert page.inner_text("#live") == "The run goes on: 3 of 96 episodes are finished."
-            journal.write_bytes(encode({"run": "this"}) + b"".join(lines[:7]))
-            page.get_by_text("The run goes on: 7 of 96 episodes").wait_for()
-            page.get_by_text("of 7 episodes can be played").wait_for()
-    finally:
-        server.shutdown()
-        server.server_close()
-        thread.join()
+    with served(made) as port, opened(chromium, f"http://127.0.0.1:{port}/run/0/") as page:
+        until(page, "!document.getElementById('live').hidden")
+        assert page.inner_text("#live") == "The run goes on: 3 of 96 episodes are finished."
+        journal.write_bytes(encode({"run": "this"}) + b"".join(lines[:7]))
+        page.get_by_text("The run goes on: 7 of 96 episodes").wait_for()
+        page.get_by_text("of 7 episodes can be played").wait_for()
 
 
 def test_two_planners_drive_one_scene_side_by_side(chromium: Browser, report: Path) -> None:
@@ -305,11 +277,7 @@ def test_two_planners_drive_one_scene_side_by_side(chromium: Browser, report: Pa
 @pytest.fixture(scope="module")
 def paired(tmp_path_factory: pytest.TempPathFactory) -> Path:
     run = page_runs.make_pair_run(tmp_path_factory.mktemp("paired") / "my run")
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(embedding, "_packer", page_runs.packer)
-        return write_report(
-            [run], None, allow_partial=False, max_mb=20.0, workers=1, progress=lambda done, of: None
-        ).path
+    return write(run)[0].path
 
 
 def test_pairs_are_filtered_by_what_was_passed(chromium: Browser, paired: Path) -> None:

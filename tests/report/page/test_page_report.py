@@ -7,6 +7,7 @@ import re
 from html import unescape
 from pathlib import Path
 
+import command_line
 import page_runs
 import pytest
 import run_builders
@@ -34,7 +35,9 @@ def no_charts(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def write(run: Path, partial: bool = False) -> tuple[Written, str]:
-    done = write_report([run], None, allow_partial=partial, max_mb=20.0, workers=1, progress=lambda done, of: None)
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(embedding, "_packer", page_runs.packer)
+        done = write_report([run], None, allow_partial=partial, max_mb=20.0, workers=1, progress=lambda done, of: None)
     return done, done.path.read_text(encoding="utf-8")
 
 
@@ -45,19 +48,11 @@ def reported(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Written, s
     torn = trace_path(run, "idm", TRACED[1])
     torn.write_bytes(torn.read_bytes()[:400])
     page_runs.put_trace(run, "idm", "speed_limit-nowhere-v0")
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(embedding, "_packer", page_runs.packer)
-        return run, *write(run)
+    return run, *write(run)
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    with pytest.raises(SystemExit) as ended:
-        main(["report", *map(str, arguments)])
-    told = capsys.readouterr()
-    assert ended.value.code == 2, told
-    (line,) = told.err.strip().splitlines()
-    assert line.startswith("error: ")
-    return line
+    return command_line.refused(command_line.in_process("report", capsys), *map(str, arguments))
 
 
 def test_the_page_holds_the_summarys_figures(reported: tuple[Path, Written, str]) -> None:

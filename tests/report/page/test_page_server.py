@@ -8,7 +8,7 @@ import socket
 import struct
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
@@ -47,10 +47,10 @@ def run(tmp_path: Path) -> Path:
 
 
 @contextmanager
-def served(*runs: Path) -> Iterator[int]:
-    """The port of a server of these runs, whose scenes are all the handmade one."""
+def served(*runs: Path, packer: Callable[..., EpisodePacker] = page_runs.packer) -> Iterator[int]:
+    """The port of a server of these runs, whose scenes are all the handmade one unless packed by another."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(serving, "EpisodePacker", page_runs.packer)
+        patched.setattr(serving, "EpisodePacker", packer)
         server = make_server(runs, 0)
         thread = threading.Thread(target=server.serve_forever, daemon=True)
         thread.start()
@@ -194,17 +194,13 @@ def test_other_addresses_name_nothing(one_port: int, path: str) -> None:
     assert len(body) < 300
 
 
-def test_the_other_half_of_a_failure_is_driven_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(serving, "EpisodePacker", EpisodePacker)
+def test_the_other_half_of_a_failure_is_driven_again(tmp_path: Path) -> None:
     run = tmp_path / "driven"
     with pytest.raises(SystemExit, match="0"):
         main(["run", "--planner", "idm", "--split", "dev", "--types", "yield", "--limit", "1", "--out", str(run)])
     (failed,) = (run / "traces" / "idm").iterdir()
-    server = make_server([run], 0)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    answers = [ask(server.server_address[1], f"/run/0/data/episode/{row}") for row in (0, 1, 2)]
-    server.shutdown()
-    server.server_close()
+    with served(run, packer=EpisodePacker) as port:
+        answers = [ask(port, f"/run/0/data/episode/{row}") for row in (0, 1, 2)]
     assert [status for status, _, _ in answers] == [200, 200, 404]
     halves = {header["scenario"]: header["half"] for header in (unpack(body)[0] for _, _, body in answers[:2])}
     assert halves == {failed.stem: "signed", f"{failed.stem}-c": "contrast"}

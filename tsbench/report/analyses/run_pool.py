@@ -24,6 +24,7 @@ from tsbench.metrics.aggregate import PlannerSummary, Summary, label, name_holes
 from tsbench.metrics.records import Records, split_records
 from tsbench.report.analyses.columns import in_published_order
 from tsbench.report.compare_runs import SELECTION, differing
+from tsbench.run.log.journal import Key
 from tsbench.run.log.manifest import marks_of
 from tsbench.run.log.read import StoredRun, read_run
 from tsbench.run.log.record import SPEC_COLUMNS
@@ -184,7 +185,6 @@ def _check_selection(a: StoredRun, b: StoredRun) -> None:
 
 # Which halves of a pair were passed, by whether the signed and the contrast half was.
 PASSES = {(True, True): "both", (True, False): "only signed", (False, True): "only contrast", (False, False): "none"}
-Key = tuple[str, str]
 # Columns of a record that reports show and players need.
 _VIOLATION = ("sign_compliant", "scd", "violation_clause", "violation_time_s")
 _INDEXED = ("planner", *SPEC_COLUMNS, "outcome", "error", *_VIOLATION, "driving_score")
@@ -203,7 +203,7 @@ class EpisodeIndex:
     data: DataSet
     columns: Mapping[str, Sequence[Any]]
     stories: Mapping[Key, Row]
-    traces: dict[int, Path]
+    traces: Mapping[int, Path]
     notes: tuple[str, ...]
     partners: Mapping[int, int]
     passes: Mapping[int, str]

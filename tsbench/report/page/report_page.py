@@ -15,18 +15,11 @@ import pyarrow.compute as pc
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.parallel import worker_processes
-from tsbench.report.analyses.run_pool import (
-    EpisodeIndex,
-    Key,
-    RunPool,
-    by_interest,
-    index_episodes,
-    make_pool,
-    read_pool,
-)
+from tsbench.report.analyses.run_pool import EpisodeIndex, RunPool, by_interest, index_episodes, make_pool, read_pool
 from tsbench.report.page.episode_player import EpisodePacker, Packed, pack_plate
 from tsbench.report.page.page_format import render_page
 from tsbench.report.page.report_sections import about, episodes_table, heading, sections
+from tsbench.run.log.journal import Key
 from tsbench.run.log.read import StoredRun
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.countries import Artwork
@@ -190,8 +183,7 @@ def episode_page(run: StoredRun, planner: str, scenario_id: str) -> str:
         "report.html", data={"folders": _folders(pool)}, scripts=PLAYER_SCRIPTS,
         blobs={"episodes": episodes_table(index, players.rows), **players.blobs},
         title=f"{planner}: {scenario_id}", partial=False, contract=pool.contract, edition=pool.edition, sections=[],
-        headlines=[], cited=[],
-        runs=[], notes=players.notes, players=len(players.rows), episodes=len(index),
+        headlines=[], cited=[], runs=[], notes=players.notes, players=len(players.rows), episodes=len(index),
     )  # fmt: skip
 
 

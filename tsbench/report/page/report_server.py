@@ -1,10 +1,9 @@
 """`tsbench view`: reports of runs on the loopback interface, their players packed when they are asked for.
 
-The other half of a failure is driven again, in a process of its own, where it has no trace.
-
-Nothing of an address ever becomes a path: it names a run by its number, an episode by its row, a network by a hash that
-an episode named before, a plate by its key in the catalogue. Only requests that name this very host are answered, so
-that no page of another site can read runs through a name that resolves to this machine.
+The other half of a failure without a trace is driven again in a process of its own. Nothing of an address ever becomes
+a path: it names a run by its number, an episode by its row, a network by a hash that an episode named before, a plate
+by its key in the catalogue. Only requests that name this very host are answered, so that no page of another site can
+read runs through a name that resolves to this machine.
 """
 
 from __future__ import annotations
@@ -26,11 +25,11 @@ from urllib.parse import unquote, urlsplit
 from tsbench.core.errors import InputError, TsbenchError
 from tsbench.core.parallel import worker_processes
 from tsbench.episode.trace import trace_path
-from tsbench.report.analyses.run_pool import EpisodeIndex, Key, RunPool, index_episodes, read_pool
+from tsbench.report.analyses.run_pool import EpisodeIndex, RunPool, index_episodes, read_pool
 from tsbench.report.page.episode_player import EpisodePacker, pack_plate
 from tsbench.report.page.page_format import render_page
 from tsbench.report.page.report_page import served_page
-from tsbench.run.log.journal import JOURNAL, lines_so_far
+from tsbench.run.log.journal import JOURNAL, Key, lines_so_far
 from tsbench.run.log.manifest import NAME, read_manifest
 from tsbench.run.log.read import is_run, read_run
 
@@ -112,11 +111,10 @@ class Library:
             raise NotThere(f"no trace of episode {name}")
         key = run.index.key(row)
         home = run.pool.home[key[0]].path
-        if row not in run.index.traces:
+        path = trace_path(home, *key)
+        if not path.is_file():
             with worker_processes(1, "driving an episode again") as again:
                 again.start(_drive_again, home, key)()
-            run.index.traces[row] = trace_path(home, *key)
-        path = run.index.traces[row]
         if not path.resolve().is_relative_to(home.resolve()):
             raise NotThere(f"the trace of episode {name} lies outside its run")
         packed = run.packer.pack(path, key)
@@ -163,14 +161,8 @@ def _told(path: Path) -> dict[str, Any]:
         if manifest["status"] == "running":
             asked = len(manifest["planners"]) * manifest["effective"].get("scenarios", 0)
             counts = {"asked": asked, "finished": len(lines_so_far(path / JOURNAL))}
-        names = ", ".join(p["name"] for p in manifest["planners"])
-        told = {
-            "problem": "",
-            "planners": names,
-            "status": manifest["status"],
-            "started": manifest.get("started", ""),
-            "contract": manifest["contract"],
-        }
+        told = {name: manifest.get(name, "") for name in ("status", "started", "contract")}
+        told |= {"problem": "", "planners": ", ".join(p["name"] for p in manifest["planners"])}
         return told | {"asked": counts.get("asked"), "finished": counts.get("finished")}
     except InputError as problem:
         return {"problem": str(problem)}
