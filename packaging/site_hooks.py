@@ -44,7 +44,8 @@ def on_files(files: Any, config: Any) -> Any:
 def _sign_files() -> list[Path]:
     """Pages of scenario types with their pictures. The index is the last to be written, and says that all are there."""
     if not (_SIGNS / "README.md").is_file():
-        from tsbench.make.sign_pages import PageMaker
+        from sign_pages import PageMaker
+
         from tsbench.scenarios.data_set import DataSet
 
         maker = PageMaker(DataSet(), _SIGNS)

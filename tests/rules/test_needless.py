@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
+from typing import Any
 
 import pytest
 from labelled import HERE, scene_of, snapshots
@@ -95,17 +96,29 @@ def test_the_speed_of_a_bend_is_that_of_the_nearest_metre() -> None:
     assert [at_metre([9.0, 7.0, 8.0], s) for s in (-4.0, 0.4, 0.6, 2.4, 99.0)] == [9.0, 9.0, 7.0, 8.0, 8.0]
 
 
-@pytest.mark.parametrize("limited", [True, False])
-def test_a_limit_of_another_sign_is_a_reason_to_be_slow(limited: bool) -> None:
-    limit = {
-        "code": "3.24", "value": 20, "edge": "w_in", "position_m": 20, "role": "target",
-        "params": {"zone_edges": "w_in"},
-    }  # fmt: skip
-    case = {
-        "net": "t", "targets": 2, "contrast": {"needless_yield": _PASSAGE},
-        "signs": [{"code": "2.1", "edge": "w_in", "position_m": 85}, limit][: 1 + limited],
+_LIMITED: dict[str, dict[str, Any]] = {
+    "at a line": {
+        "net": "t", "contrast": {"needless_yield": _PASSAGE},
+        "signs": [{"code": "2.1", "edge": "w_in", "position_m": 85}],
+        "limit": {"code": "3.24", "edge": "w_in", "params": {"zone_edges": "w_in"}},
         "ego": {"path": ["w_in_0", "e_out_0"], "start": 4.0, "speed": [[4.0, 9.0, 5.5], [14.0, 5.5, 5.5]]},
-    }  # fmt: skip
+    },
+    # In a zone with a limit another plate's rules from where it stands.
+    "before a higher limit": {
+        "net": "corridor",
+        "contrast": {"needless_slow": {"zone_edges": "bc cd", "start_m": 0, "end_m": 100, "limit_kmh": 50}},
+        "signs": [{"code": "3.24", "value": 50, "edge": "bc", "position_m": 0}],
+        "limit": {"code": "5.31", "edge": "ab", "params": {"zone_edges": "ab"}},
+        "ego": {"path": ["ab_0", "bc_0", "cd_0"], "start": 4.0, "speed": [[4, 9.0, 5.5], [16, 5.5], [5, 5.5, 13.0]]},
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("limited", [True, False])
+@pytest.mark.parametrize("where", _LIMITED)
+def test_a_limit_of_another_sign_is_a_reason_to_be_slow(where: str, limited: bool) -> None:
+    limit = {"value": 20, "position_m": 20, "role": "target"} | _LIMITED[where]["limit"]
+    case = _LIMITED[where] | {"targets": 2, "signs": [*_LIMITED[where]["signs"], limit][: 1 + limited]}
     scene = scene_of(case, HERE)
     monitors = make_monitors(scene)
     for tick in snapshots(case, HERE, scene.network):

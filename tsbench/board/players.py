@@ -34,7 +34,6 @@ _COLUMNS = (
     page_column("told", "what happened", minor=True, wide=True),
     page_column("scenario_id", "scenario", minor=True),
     page_column("playable", "player", "flag", hidden=True),
-    page_column("partner", "other half", "number", hidden=True),
 )
 
 
@@ -107,17 +106,13 @@ class _Table:
 
     def __init__(self) -> None:
         self._values: dict[str, list[Any]] = {column["name"]: [] for column in _COLUMNS}
-        self._halves: dict[tuple[str, str], int] = {}
 
     def add(self, label: str, spec: ScenarioSpec, failure: str, told: str) -> int:
         """A new row; its number."""
         number = len(self._values["planner"])
-        row = (label, spec.pair_type, spec.half, failure, told, spec.scenario_id, True, None)
+        row = (label, spec.pair_type, spec.half, failure, told, spec.scenario_id, True)
         for values, value in zip(self._values.values(), row, strict=True):
             values.append(value)
-        other = self._halves.setdefault((label, spec.pair_name), number)
-        if other != number:
-            self._values["partner"][number], self._values["partner"][other] = other, number
         return number
 
     def packed(self) -> bytes:

@@ -36,20 +36,6 @@ def show_sign(code: str, data: DataSet) -> None:
     Console().print(sign_page(data.catalog.sign(code)))
 
 
-@signs.command("pages")
-@options.types
-@options.city
-@options.out("Folder for pages and pictures.", type=options.FOLDER, required=True)
-def write_pages(types: tuple[str, ...], data: DataSet, out: Path) -> None:
-    """Write a page for each scenario type: law, rule, a violation and an obedient pass of the same scene."""
-    from tsbench.make.sign_pages import PageMaker
-
-    maker = PageMaker(data, out)
-    for name in options.types_of(data, types) or maker.types:
-        click.echo(str(maker.write(name)))
-    click.echo(str(maker.write_index()))
-
-
 @signs.command("sheet")
 @options.out("PNG file to write.", type=options.FILE, required=True)
 @options.city

@@ -38,10 +38,9 @@ def readable(sentence: str) -> str:
 
 
 def episode_title(trace: Trace) -> str:
-    """Planner and type; of a half of a pair the pair's type and which half."""
+    """Planner and type; of a pair its type and which half, of a square which plates."""
     spec = trace.spec
-    half = f", {spec.half} half" if spec.pair_id else ""
-    return f"{trace.planner}: {spec.pair_type}{half}"
+    return f"{trace.planner}: {spec.pair_type}{', ' if spec.which else ''}{spec.which}"
 
 
 def episode_subtitle(trace: Trace, artwork: Artwork) -> str:

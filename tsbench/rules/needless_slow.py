@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from tsbench.rules.monitor import Monitor, Verdict
-from tsbench.rules.open_speed import MeanSpeeds, OpenSpeed, at_metre, bend_speeds
+from tsbench.rules.open_speed import MeanSpeeds, OpenSpeed, OtherLimits, at_metre, bend_speeds
 from tsbench.rules.speed import KMH_PER_MPS
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.contrast import SlowZoneParams
@@ -22,6 +22,7 @@ class NeedlessSlow(Monitor):
         self._limit = params.limit_kmh / KMH_PER_MPS
         self._bends = bend_speeds(self._road.line, self.rule)
         self._open, self._means = OpenSpeed(scene.network, self.rule), MeanSpeeds()
+        self._others = OtherLimits(self)
         self._last: WorldSnapshot | None = None
         self._front: float | None = None
 
@@ -30,11 +31,12 @@ class NeedlessSlow(Monitor):
         before, front = self._front, self._road.front(snapshot.ego)
         if front is not None:
             self._front = front
+        most = self._others.at(snapshot.ego)
         if self._front is None or self._front > self._end:
-            self._open.update(snapshot)
+            self._open.update(snapshot, most)
             self._judge()
             return
-        most = at_metre(self._bends, self._front)
+        most = min(most, at_metre(self._bends, self._front))
         if self._front >= self._start:
             most = min(self._limit, most)
             if before is not None and before < self._start:

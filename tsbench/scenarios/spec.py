@@ -5,12 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from tsbench.signs.model import COMBINED
+
 SCHEMA_VERSION = 1
 SIGNED, CONTRAST = "signed", "contrast"
 HALVES = (SIGNED, CONTRAST)
 MOST_TICKS = 10_000
 # Behind the id of a square's first pair, the id of its second one.
 SECOND_PAIR = "b"
+_ROWS = {
+    (False, SIGNED): "both signs",
+    (False, CONTRAST): "the first sign's contrast plate",
+    (True, SIGNED): "the last sign's contrast plate",
+    (True, CONTRAST): "both contrast plates",
+}
 
 
 def pair_type(pair_id: str, scenario_type: str) -> str:
@@ -73,6 +81,13 @@ class ScenarioSpec:
     def pair_name(self) -> str:
         """What is taken whole: the id of the square or the pair, or the row's own where there is neither."""
         return square_of(self.pair_id) or self.scenario_id
+
+    @property
+    def which(self) -> str:
+        """Which half of its pair it is, of a square which plates it has; "" without a pair."""
+        if self.group == COMBINED:
+            return _ROWS[self.pair_id.endswith(SECOND_PAIR), self.half]
+        return f"{self.half} half" if self.pair_id else ""
 
 
 def other_halves(rows: Iterable[ScenarioSpec]) -> dict[str, ScenarioSpec]:

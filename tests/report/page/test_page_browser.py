@@ -16,7 +16,10 @@ from patience import HANG_S
 from test_page_report import write
 from test_page_server import served, under_way
 
+import tsbench
+from tsbench.report.page.report_page import write_report
 from tsbench.run.log.journal import JOURNAL, encode
+from tsbench.scenarios.data_set import DataSet
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -333,3 +336,23 @@ def test_a_camera_takes_the_other_along(chromium: Browser, paired: Path) -> None
         until(page, f"({CAMERAS})[0][2] > {before[0][2]} * 1.5")
         first, second = page.evaluate(CAMERAS)
         assert first == second
+
+
+def test_the_rows_of_a_square_are_played_side_by_side(chromium: Browser, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    tsbench.evaluate("idm", split="two-signs", types="limit_and_yield", limit=4, workers=1, trace="all", out=run)
+    ids = [row.scenario_id for row in DataSet().table("two-signs") if row.pair_type == "limit_and_yield"][:4]
+    written = write_report(
+        [run], None, allow_partial=False, max_mb=20.0, workers=1, progress=lambda done, of: None
+    ).path
+    with opened(chromium, f"{written.as_uri()}#play={quote(f'idm/{ids[2]}', safe='')}") as page:
+        until(page, "tsb.player.halves.length === 4")
+        assert page.evaluate("tsb.player.halves.map((one) => one.scenario)") == ids
+        assert page.evaluate("tsb.player.episode.scenario") == ids[2]
+        heads = [page.inner_text(f"#player{end}-title") for end in ("", "-2", "-3", "-4")]
+        assert [head.partition(", ")[2] for head in heads] == [
+            "both signs", "the first sign's contrast plate", "the last sign's contrast plate", "both contrast plates",
+        ]  # fmt: skip
+        boxes = [page.locator(f"#player{end}-view").bounding_box() for end in ("", "-2", "-3", "-4")]
+        (a, b, c, d) = ((round(box["x"]), round(box["y"])) for box in boxes if box)
+        assert (a[1], c[1], a[0], b[0]) == (b[1], d[1], c[0], d[0])

@@ -202,8 +202,8 @@ def test_the_other_half_of_a_failure_is_driven_again(tmp_path: Path) -> None:
     with served(run, packer=EpisodePacker) as port:
         answers = [ask(port, f"/run/0/data/episode/{row}") for row in (0, 1, 2)]
     assert [status for status, _, _ in answers] == [200, 200, 404]
-    halves = {header["scenario"]: header["half"] for header in (unpack(body)[0] for _, _, body in answers[:2])}
-    assert halves == {failed.stem: "signed", f"{failed.stem}-c": "contrast"}
+    halves = {header["scenario"]: header["which"] for header in (unpack(body)[0] for _, _, body in answers[:2])}
+    assert halves == {failed.stem: "signed half", f"{failed.stem}-c": "contrast half"}
     assert len(list(failed.parent.iterdir())) == 2
 
 

@@ -118,7 +118,8 @@ class SpeedZonePlacement(ScenePlacement):
         room = lane.line.length - need - EGO_LENGTH_M - recipe.number("start_behind_m")
         require(room >= 0.0, f"no room to brake from {v0:.1f} m/s before the plate")
         jitter = float(task.rng.uniform(0.0, min(recipe.number("jitter_m"), room)))
-        start = EgoStart(lane.id, lane.line.length - need - jitter - EGO_LENGTH_M / 2, v0)
+        before = recipe.numbers.get("ego_before_plate_m", need + jitter)
+        start = EgoStart(lane.id, lane.line.length - before - EGO_LENGTH_M / 2, v0)
         way = tuple(zone) if self.ends_in_zone else (*zone, last)
         least = recipe.number("destination_behind_m")
         room = network.edge_lanes(way[-1])[0].line.length - 3.0
@@ -197,7 +198,7 @@ class ZonePlacement(SpeedZonePlacement):
         theirs = self.other(task, limit)
         begin, end = self.other_codes
         border = task.recipe.number("other_border_m")
-        back, away = self._across(task, zone[0], 0.0), self._across(task, first, border)
+        back, away = self.across(task, zone[0], 0.0), self.across(task, first, border)
         return (
             plate_beside(network, self.code, zone[0], 0.0, ZoneParams((*zone, last)), value=limit),
             plate_beside(network, self.end_code, *back, number=1, role=DISTRACTOR, value=limit),
@@ -206,7 +207,7 @@ class ZonePlacement(SpeedZonePlacement):
         )
 
     @staticmethod
-    def _across(task: SceneTask, edge: str, s: float) -> tuple[str, float]:
+    def across(task: SceneTask, edge: str, s: float) -> tuple[str, float]:
         """The edge of the other direction, and where along it a place of an edge is."""
         facing = task.row.fields["opposite"]
         line = task.network.edge_lanes(facing)[0].line

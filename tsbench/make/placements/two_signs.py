@@ -2,21 +2,34 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
+from tsbench.geometry.elementary import LEFT, RIGHT, turn_class
+from tsbench.make.maps.pieces import heading_towards
 from tsbench.make.maps.plain import PlainNet
+from tsbench.make.placements.dual_path import ManoeuvrePlacement
 from tsbench.make.placements.placement import Arrangement, ScenePlacement, SceneTask, plate_beside, require
-from tsbench.make.placements.speed_zone import KMH, SpeedZonePlacement, fastest_before
+from tsbench.make.placements.speed_zone import KMH, SpeedZonePlacement, ZonePlacement, fastest_before
+from tsbench.make.scenes.plate_roads import plate_roads
 from tsbench.make.scenes.recipe import Recipe
+from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.signs.contrast import ContrastClause, SlowZoneParams
-from tsbench.signs.plate_params import ZoneParams
+from tsbench.signs.annotations import DISTRACTOR, TARGET, SignInstance
+from tsbench.signs.contrast import ContrastClause, PassageParams, SlowZoneParams
+from tsbench.signs.plate_params import GiveWayParams, ZoneParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
+# SUMO's priority of the road that gives way.
+_SECOND = 1
 
-class LimitAheadPlacement(ScenePlacement):
-    """A limit on the approach to what the last sign is about; it holds until the junction there.
+
+class TwoSignsPlacement(ScenePlacement):
+    """A plate before the last sign, which stays in the last sign's contrast half and changes in its own.
 
     recipe: of the type. last: the placement of its last part.
     """
@@ -27,7 +40,7 @@ class LimitAheadPlacement(ScenePlacement):
         assert recipe.last is not None
         self._first = replace(recipe.first, numbers=recipe.first.numbers | recipe.numbers)
         self._recipe_of_last = recipe.last
-        self._limit, self._last = SpeedZonePlacement(recipe.first), last
+        self._last = last
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:  # noqa: ARG002
         """As the last sign needs it."""
@@ -39,22 +52,48 @@ class LimitAheadPlacement(ScenePlacement):
 
     def place(self, task: SceneTask) -> Arrangement:
         """Both plates bind."""
-        return self._with_limit(task, self._last.place(replace(task, recipe=self._recipe_of_last)))
+        a = self._with_first(task, self._last.place(replace(task, recipe=self._recipe_of_last)))
+        return replace(a, contrast=tuple(replace(clause, sign=a.targets[-1]) for clause in a.contrast))
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement | None:
-        """The last sign's contrast plates; the limit stays."""
-        bare = replace(signed, signs=signed.signs[:-1], targets=signed.targets[1:])
+        """The last sign's contrast plates; the first one's stay."""
+        last = signed.targets[1:]
+        bare = replace(signed, signs=signed.signs[: _count_of_last(signed)], targets=last)
         found = self._last.contrast(replace(task, recipe=self._recipe_of_last), bare)
-        return None if found is None else self._with_limit(task, found)
+        if found is None:
+            return None
+        of_last = tuple(replace(clause, sign=last[0]) for clause in found.contrast)
+        return self._with_first(task, replace(found, contrast=of_last))
+
+    @abstractmethod
+    def _with_first(self, task: SceneTask, a: Arrangement) -> Arrangement:
+        """The last sign's scene with the first one's plates behind its own. Raises UnfitMapError."""
+
+    @abstractmethod
+    def first_contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
+        """The first sign's contrast plates; the last one's stay."""
+
+
+class LimitAheadPlacement(TwoSignsPlacement):
+    """A limit on the approach to what the last sign is about; it holds until the junction there, or until the last
+    sign, if that is a limit too.
+    """
+
+    def __init__(self, recipe: Recipe, last: ScenePlacement) -> None:
+        super().__init__(recipe, last)
+        assert recipe.first is not None
+        kind = ZonePlacement if recipe.first.placement == "zone" else SpeedZonePlacement
+        self._limit = kind(recipe.first)
 
     def first_contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
-        """The limit's contrast plate; the others stay."""
-        plate, road = signed.signs[-1], self._on_approach(task, signed.start)
+        """The limit's contrast plate."""
+        count = _count_of_last(signed)
+        plate, road = signed.signs[count], self._on_approach(task, signed.start)
         value = self._limit.other(road, plate.posted)
         until = _place_of_last(task, signed) - self._first.number("slow_until_last_m")
         slow = SlowZoneParams((plate.edge,), plate.position_m, until, min(value, road.row.speed_mps / KMH))
         clause = ContrastClause("needless_slow", slow, plate.id)
-        signs = (*signed.signs[:-1], replace(plate, value=value))
+        signs = (*signed.signs[:count], *(replace(sign, value=value) for sign in signed.signs[count:]))
         return replace(signed, signs=signs, contrast=(clause, *signed.contrast))
 
     def _on_approach(self, task: SceneTask, start: EgoStart) -> SceneTask:
@@ -64,7 +103,7 @@ class LimitAheadPlacement(ScenePlacement):
         row = replace(task.row, road_class=road, speed_mps=lane.speed)
         return replace(task, row=row, recipe=self._first)
 
-    def _with_limit(self, task: SceneTask, a: Arrangement) -> Arrangement:
+    def _with_first(self, task: SceneTask, a: Arrangement) -> Arrangement:
         """The ego comes too fast for the limit, so far before its plate that it can slow down."""
         road, first = self._on_approach(task, a.start), self._first
         lane = task.network.lane(a.start.lane)
@@ -76,17 +115,110 @@ class LimitAheadPlacement(ScenePlacement):
         require(fastest >= v + least, f"no room to brake from {v + least:.1f} m/s before the limit")
         asked = v + min(max(least, task.variant.initial_speed), first.number("most_excess_kmh") * KMH)
         v0 = min(asked, fastest, lane.speed)
+        network, number, drivers = task.network, len(a.signs), a.drivers
         plate = plate_beside(
-            task.network, self._limit.code, lane.edge, at, ZoneParams((lane.edge,)), number=len(a.signs), value=limit
+            network, self._limit.code, lane.edge, at, ZoneParams((lane.edge,)), number=number, value=limit
         )
+        end: tuple[SignInstance, ...] = ()
+        if isinstance(self._limit, ZonePlacement):
+            back = self._limit.across(task, lane.edge, at)
+            code = self._limit.end_code
+            end = (plate_beside(network, code, *back, number=number + 1, role=DISTRACTOR, value=limit),)
+            drivers = tuple(replace(d, speed=min(d.speed, v)) for d in drivers)
         return replace(
             a,
-            signs=(*a.signs, plate),
+            signs=(*a.signs, plate, *end),
+            drivers=drivers,
             targets=(plate.id, *a.targets),
             start=replace(a.start, speed=v0),
-            contrast=tuple(replace(clause, sign=a.targets[0]) for clause in a.contrast),
             closed_edges=frozenset({*a.closed_edges, lane.edge}),
         )
+
+
+class StopAheadPlacement(TwoSignsPlacement):
+    """A stop plate at the junction where the last sign says which way is open. No other vehicle comes to it.
+
+    In the contrast half the ego's and the opposite approach exchange it for a plate that asks to give way, as on the
+    maps of `stop` where nobody comes.
+    """
+
+    def __init__(self, recipe: Recipe) -> None:
+        assert recipe.last is not None
+        assert recipe.first is not None
+        super().__init__(recipe, _NobodyComes(recipe.last))
+        self.code, choices = recipe.first.type.codes[0], recipe.first.choices
+        self._main, self._other = (str(choices[key][0]) for key in ("main_plates", "empty_plates"))
+
+    def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
+        """The crossing road goes first."""
+        found = super().prepare(row, plain, recipe)
+        ego = next(e for e in found.edges if e.id == row.fields["signed_edge"])
+        heading = heading_towards(np.array(ego.shape))
+        into = [e for e in found.edges if e.target == ego.target]
+        turned = {e.id: turn_class(heading_towards(np.array(e.shape)) - heading + 180.0) for e in into}
+        first = int(recipe.number("main_priority"))
+        priority = {e: first if turned[e] in (LEFT, RIGHT) and e != ego.id else _SECOND for e in turned}
+        return replace(found, edges=tuple(replace(e, priority=priority.get(e.id, e.priority)) for e in found.edges))
+
+    def prepare_contrast(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
+        """The same: the plates of the other way mean nothing else to other traffic."""
+        return self.prepare(row, plain, recipe)
+
+    def first_contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:  # noqa: ARG002
+        """The ego's and the opposite plate exchanged."""
+        plate = signed.signs[_count_of_last(signed)]
+        swapped = {plate.code: self._other, self._other: plate.code}
+        way = signed.compliant_hint or signed.route_hint
+        passage = PassageParams(plate.edge, way[1], plate.params_as(GiveWayParams).main_in)
+        clauses = (ContrastClause(name, passage, plate.id) for name in ("needless_stop", "needless_yield"))
+        signs = tuple(replace(sign, code=swapped.get(sign.code, sign.code)) for sign in signed.signs)
+        return replace(signed, signs=signs, contrast=(*clauses, *signed.contrast))
+
+    def _with_first(self, task: SceneTask, a: Arrangement) -> Arrangement:
+        """The stop plate on the ego's approach, before the last sign's, and those of the other approaches."""
+        approach, junction = task.row.fields["signed_edge"], task.row.fields["junction"]
+        across, opposite = _other_approaches(task, approach)
+        hung = [(approach, self.code, self._first.number("first_before_line_m"))]
+        before = self._first.number("plate_before_line_m")
+        hung += [(edge, self._other, before) for edge in opposite] + [(edge, self._main, before) for edge in across]
+        plates = []
+        for number, (edge, code, to_line) in enumerate(hung, len(a.signs)):
+            s = task.network.edge_lanes(edge)[0].line.length - to_line
+            require(s >= 0.0, f"edge {edge} has no room for a plate")
+            plates.append(plate_beside(task.network, code, edge, s, number=number, role=DISTRACTOR))
+        params = GiveWayParams(approach, junction, tuple(sorted(across)))
+        stop = replace(plates[0], params=params, role=TARGET)
+        return replace(a, signs=(*a.signs, stop, *plates[1:]), targets=(stop.id, *a.targets))
+
+
+class _NobodyComes(ManoeuvrePlacement):
+    """A manoeuvre at a junction that no other vehicle comes to."""
+
+    def banned(self, graph: LaneGraph, short: Sequence[str], allowed: Sequence[str]) -> frozenset[Turn]:
+        """Besides, all turns from other approaches."""
+        lanes, here = graph.network.edges, graph.network.edges[short[0]].target
+        others = (e for e in lanes if lanes[e].target == here and e != short[0])
+        return super().banned(graph, short, allowed) | {(e, onto) for e in others for onto in graph.successors(e)}
+
+    def empty(self, task: SceneTask, approach: str) -> frozenset[str]:
+        """All approaches of the junction."""
+        edges = task.network.edges
+        return frozenset(e for e in edges if edges[e].target == edges[approach].target)
+
+
+def _other_approaches(task: SceneTask, approach: str) -> tuple[list[str], list[str]]:
+    """Of a junction: the approaches on the crossing road, and the opposite one. Raises UnfitMapError."""
+    roads = plate_roads(task.graph, task.recipe.catalog.distances)
+    across = sorted(e for _, into in roads.across(approach).values() for e in into)
+    node = task.network.edges[approach].target
+    opposite = [e for e in task.network.edges if task.network.edges[e].target == node and e not in (approach, *across)]
+    require(len(opposite) == 1 and bool(across), "no road crosses, or no single approach comes from straight ahead")
+    return across, opposite
+
+
+def _count_of_last(a: Arrangement) -> int:
+    """How many plates are the last sign's; the first sign's follow."""
+    return next(k for k, sign in enumerate(a.signs) if sign.id == a.targets[0])
 
 
 def _place_of_last(task: SceneTask, a: Arrangement) -> float:

@@ -17,7 +17,7 @@ from tsbench.make.maps.source import SourceNetwork
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.placements.distractors import distractors, with_same_plates
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError, UnluckyDrawError
-from tsbench.make.placements.two_signs import LimitAheadPlacement
+from tsbench.make.placements.two_signs import TwoSignsPlacement
 from tsbench.make.scenes.plate_checks import refused
 from tsbench.make.scenes.plate_surroundings import PlacedPlates
 from tsbench.make.scenes.recipe import Recipe, Variant, variants_of
@@ -233,7 +233,7 @@ class SiteBuilder:
         contrast = self.placement.contrast(task(CONTRAST), signed)
         if contrast is None:
             raise UnfitMapError("there is no contrast half")
-        if not isinstance(self.placement, LimitAheadPlacement):
+        if not isinstance(self.placement, TwoSignsPlacement):
             return signed, contrast
         halves = ((there, signed), (task(CONTRAST), contrast))
         return tuple(a for at, one in halves for a in (one, self.placement.first_contrast(at, one)))

@@ -30,7 +30,7 @@ from tsbench.run.log.read import StoredRun, read_run
 from tsbench.run.log.record import SPEC_COLUMNS
 from tsbench.run.options import BOTH
 from tsbench.scenarios.data_set import DataSet
-from tsbench.scenarios.spec import CONTRAST, HALVES
+from tsbench.scenarios.spec import CONTRAST, HALVES, square_of
 from tsbench.signs.rule_kinds import NEEDLESS
 
 
@@ -196,7 +196,7 @@ class EpisodeIndex:
     """Episodes of a pool. data: what they are of; columns: of their records, by planner and scenario (records as
     dictionaries take three times the memory); traces: by row number; notes: what is odd.
 
-    stories: of runs. partners: by row number that of the other half;
+    stories: of runs. beside: by row number the rows of its pair or square, itself among them, by their ids;
     passes: by row number which halves of its pair were passed, one of PASSES.
     """
 
@@ -205,7 +205,7 @@ class EpisodeIndex:
     stories: Mapping[Key, Row]
     traces: Mapping[int, Path]
     notes: tuple[str, ...]
-    partners: Mapping[int, int]
+    beside: Mapping[int, tuple[int, ...]]
     passes: Mapping[int, str]
 
     def __len__(self) -> int:
@@ -215,9 +215,9 @@ class EpisodeIndex:
         return self.columns["planner"][row], self.columns["scenario_id"][row]
 
     def within_reach(self) -> set[int]:
-        """Rows with a trace, and of failures among them the other halves, which can be driven again."""
+        """Rows with a trace, and of failures among them the rest of their pairs, which can be driven again."""
         failed = [row for row in self.traces if not self.columns["scd"][row]]
-        return {*self.traces, *(self.partners[row] for row in failed if row in self.partners)}
+        return {*self.traces, *(other for row in failed for other in self.beside.get(row, ()))}
 
 
 def index_episodes(pool: RunPool) -> EpisodeIndex:
@@ -249,27 +249,29 @@ def index_episodes(pool: RunPool) -> EpisodeIndex:
     )
 
 
-def _pairs(columns: Mapping[str, Sequence[Any]]) -> tuple[dict[int, int], dict[int, str]]:
-    """Partners and passes of the rows whose other half is there too."""
+def _pairs(columns: Mapping[str, Sequence[Any]]) -> tuple[dict[int, tuple[int, ...]], dict[int, str]]:
+    """What is beside the rows of pairs, and passes of those whose other half is there too."""
     found: dict[tuple[str, str], dict[str, int]] = {}
+    squares: dict[tuple[str, str], list[int]] = {}
     named = zip(*(columns[name] for name in ("planner", "pair_id", "half")), strict=True)
     for k, (planner, pair_id, half) in enumerate(named):
         if pair_id:
             found.setdefault((planner, pair_id), {})[half] = k
+            squares.setdefault((planner, square_of(pair_id)), []).append(k)
     scd = columns["scd"]
-    partners: dict[int, int] = {}
     passes: dict[int, str] = {}
     for pair in (pair for pair in found.values() if len(pair) == len(HALVES)):
         signed, contrast = (pair[half] for half in HALVES)
-        partners |= {signed: contrast, contrast: signed}
         passes |= dict.fromkeys((signed, contrast), PASSES[scd[signed], scd[contrast]])
-    return partners, passes
+    ids = columns["scenario_id"]
+    together = (tuple(sorted(rows, key=ids.__getitem__)) for rows in squares.values())
+    return {row: rows for rows in together for row in rows}, passes
 
 
 def by_interest(index: EpisodeIndex) -> list[int]:
     """Rows with a trace: violations first, then other failures, then the rest; planners and types in turn in each.
 
-    The other half of a pair follows at once, for the two are played together.
+    The other rows of a pair or square follow at once, for they are played together.
     """
     classes: dict[int, dict[tuple[str, str], list[int]]] = {0: {}, 1: {}, 2: {}}
     column = index.columns
@@ -278,5 +280,5 @@ def by_interest(index: EpisodeIndex) -> list[int]:
         classes[rank].setdefault((column["scenario_type"][row], column["planner"][row]), []).append(row)
     turns = (zip_longest(*(queues[name] for name in sorted(queues))) for queues in classes.values())
     alone = [row for turn in turns for places in turn for row in places if row is not None]
-    halves = (half for row in alone for half in (row, index.partners.get(row, row)))
+    halves = (half for row in alone for half in (row, *index.beside.get(row, ())))
     return [row for row in dict.fromkeys(halves) if row in index.traces]

@@ -131,7 +131,7 @@ def _about(trace: Trace, artwork: Artwork) -> dict[str, Any]:
     told = {
         "planner": trace.planner,
         "scenario": spec.scenario_id,
-        "half": spec.half,
+        "which": spec.which,
         "title": episode_title(trace),
         "subtitle": episode_subtitle(trace, artwork),
         "plate": plate_key(spec.sign_code, spec.sign_value),

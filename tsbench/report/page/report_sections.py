@@ -163,7 +163,6 @@ _COLUMNS = (
     page_column("variant", "variant", "number", digits=0, minor=True),
     page_column("group", "group", filter="choice", minor=True),
     page_column("playable", "player", "flag", filter="choice", minor=True),
-    page_column("partner", "other half", "number", hidden=True, digits=0),
 )
 
 
@@ -179,7 +178,6 @@ def episodes_table(index: EpisodeIndex, playable: Collection[int]) -> bytes:
     values["violation_clause"] = [clause or "" for clause in values["violation_clause"]]
     values["scenario_type"] = list(map(pair_type, index.columns["pair_id"], index.columns["scenario_type"]))
     values["passes"] = [index.passes.get(k, "") for k in range(len(index))]
-    values["partner"] = [index.partners.get(k) for k in range(len(index))]
     values["playable"] = [k in playable for k in range(len(index))]
     for column in _COLUMNS:
         if column["kind"] == "number":

@@ -29,6 +29,9 @@ class SpeedConstraint(RuleConstraint):
         self._plate = privilege.view.on_edge(sign.edge, sign.position_m)
         self._limit = (sign.posted - _MARGIN_KMH) * KMH
         self._ended_by = privilege.rule(sign).ended_by
+        # Another limit ends this one where it begins.
+        others = (s for s in privilege.signs if s != sign and privilege.rule(s).name == "speed")
+        self._others = [privilege.view.on_edge(s.edge, s.position_m) for s in others]
         self._path: RoutePath | None = None
         self._line_s = math.inf
         self._inside = self._over = False
@@ -55,12 +58,11 @@ class SpeedConstraint(RuleConstraint):
         return -math.inf, slow_to(v, self._limit, 0.0, _BRAKE_MPS2)
 
     def _passed_ends(self, observation: Observation, front: float) -> frozenset[tuple[str, float]]:
-        """Where end plates of the kind stand that the front has passed."""
+        """Where end plates of the kind and other limits stand that the front has passed."""
+        ends = [(s.edge, s.position_m) for s in observation.signs if s.code in self._ended_by]
         path = observation.route.path
         return frozenset(
-            (s.edge, s.position_m)
-            for s in observation.signs
-            if s.code in self._ended_by and line_place(self._roads, path, s.edge, s.position_m) + _EARLY_M < front
+            place for place in (*ends, *self._others) if line_place(self._roads, path, *place) + _EARLY_M < front
         )
 
 

@@ -1,6 +1,6 @@
 /* One episode on a stage of the player: what episode.py packs, on a bird's-eye view, with its own time line.
  *
- * new tsb.Half(suffix): of its elements' ids, "" or "-2". Times are ticks from the start, fractions allowed. */
+ * new tsb.Half(suffix): of its elements' ids, "" or "-2" to "-4". Times are ticks from the start, fractions allowed. */
 tsb.Half = class {
   static colours = new Map(); // of the theme
   static colour(name) {

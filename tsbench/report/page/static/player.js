@@ -1,16 +1,16 @@
-/* The player: one episode, both halves of a pair, or two planners' drives of one scene, side by side on one time axis.
+/* The player: one episode, the rows of a pair or square, or two planners' drives of one scene, side by side on one time axis.
  *
- * tsb.player.open(row, rows): rows are those of the table, for "previous" and "next". Its `can(row)`, `partner(row)`
- * (the other half's row, null without one), `passed(row)`, `rivals(row)` (rows of the same scene by planner), `who(row)` (its
+ * tsb.player.open(row, rows): rows are those of the table, for "previous" and "next". Its `can(row)`, `square(row)`
+ * (rows of its pair or square, itself among them, by their ids), `passed(row)`, `rivals(row)` (rows of the same scene by planner), `who(row)` (its
  * planner) and `name(row)` (in links) are the table's. */
 tsb.player = (() => {
   const { el, Half } = tsb, get = (id) => document.getElementById(`player-${id}`);
   const dialog = document.getElementById("player");
-  const stages = [new Half(""), new Half("-2")];
+  const stages = ["", "-2", "-3", "-4"].map((suffix) => new Half(suffix));
   let shown = [], main = null; // the halves that are played, the signed one first; the one that was opened
   let tick = 0, playing = false, last = 0, row = -1, rows = [], asked = 0;
   let beside = ""; // the planner that is shown beside; "": the other half
-  const api = { open, can: () => false, passed: () => false, partner: () => null, rivals: () => new Map(), name: String, who: String, get episode() { return main?.episode ?? null; },
+  const api = { open, can: () => false, passed: () => false, square: (row) => [row], rivals: () => new Map(), name: String, who: String, get episode() { return main?.episode ?? null; },
     get halves() { return shown.map((half) => half.episode); }, get cameras() { return shown.map((half) => half.view.camera); },
     get tick() { return tick; }, get playing() { return playing; } };
 
@@ -68,14 +68,14 @@ tsb.player = (() => {
   }
   async function open(wanted, list, time = null) {
     row = wanted; rows = list;
-    const mine = ++asked, other = choose();
+    const mine = ++asked, rowsShown = choose();
     pause();
     if (!dialog.open) { dialog.showModal(); dialog.scrollTop = 0; }
     stages[0].get("verdict").replaceChildren(el("p", { class: "faint" }, "loading …"));
     let found, why = "";
     const alone = (problem) => { why = problem.message; return null; };
     try {
-      found = await Promise.all([Half.load(row), other === null || !api.can(other) ? null : Half.load(other).catch(alone)]);
+      found = await Promise.all(rowsShown.map((k) => k === row ? Half.load(k) : api.can(k) ? Half.load(k).catch(alone) : null));
       found = found.filter((one) => one !== null);
     } catch (problem) {
       if (mine !== asked) return;
@@ -86,11 +86,10 @@ tsb.player = (() => {
       return;
     }
     if (mine !== asked) return; // another one was opened meanwhile
-    if (!beside) found.sort((a, b) => (a.episode.half === "contrast") - (b.episode.half === "contrast"));
     arrange(found.length);
-    get("alone").hidden = beside !== "" || other === null || found.length > 1;
+    get("alone").hidden = beside !== "" || found.length === rowsShown.length;
     get("why").textContent = why || `tsbench view ${tsb.json("folders")?.[api.who(row)] ?? ""} drives it again, and shows it.`;
-    const name = ({ episode, row: at }) => found.length < 2 ? "" : beside ? api.who(at) : `${episode.half} half`;
+    const name = ({ episode, row: at }) => found.length < 2 ? "" : beside ? api.who(at) : episode.which;
     found.forEach((one, k) => stages[k].show(one, name(one)));
     main = shown[found.findIndex((one) => one.row === row)];
     get("time").max = end();
@@ -105,19 +104,21 @@ tsb.player = (() => {
     else seek(0);
     if (time === null && !matchMedia("(prefers-reduced-motion: reduce)").matches) play();
   }
-  /* The row that is shown beside, and what else could be. */
+  /* The rows that are shown, in order, and what else could be beside the one that was opened. */
   function choose() {
     const rivals = api.rivals(row), names = [...rivals.keys()];
     if (!rivals.has(beside)) beside = "";
     get("beside").replaceChildren(...["", ...names].map((name) => el("option", { value: name }, name || "the other half")));
     get("beside").value = beside;
     get("beside").parentElement.hidden = names.length === 0;
-    return beside ? rivals.get(beside) : api.partner(row);
+    return beside ? [row, rivals.get(beside)] : api.square(row);
   }
   function arrange(count) {
     shown = stages.slice(0, count);
     dialog.classList.toggle("two", count > 1);
-    get("half-2").hidden = count < 2;
+    dialog.classList.toggle("four", count > 2);
+    if (count > 2) get("curves").checked = false; // or the lower two are below the screen
+    stages.forEach((_, k) => { if (k) get(`half-${k + 1}`).hidden = k >= count; });
   }
   /* What one half is told is done in both; the camera that is moved takes the other one along. */
   function connect(half) {
@@ -141,9 +142,9 @@ tsb.player = (() => {
     draw();
   }
   function neighbour(by, failed = false) {
-    const at = rows.indexOf(row), other = failed ? null : api.partner(row);
+    const at = rows.indexOf(row), others = failed ? [] : api.square(row);
     for (let k = at + by; at >= 0 && k >= 0 && k < rows.length; k += by)
-      if (rows[k] !== other && api.can(rows[k]) && !(failed && api.passed(rows[k]))) return rows[k];
+      if (!others.includes(rows[k]) && api.can(rows[k]) && !(failed && api.passed(rows[k]))) return rows[k];
     return null;
   }
   const go = (by, failed) => { const to = neighbour(by, failed); if (to !== null) open(to, rows); };

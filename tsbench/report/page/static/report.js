@@ -40,7 +40,12 @@ tsb.tableOptions = { "episode-table": (() => {
       tsb.player.who = (row) => api.text("planner", row);
       tsb.player.can = (row) => playable(api, row);
       tsb.player.passed = (row) => api.table.values.scd[row] === true;
-      tsb.player.partner = (row) => api.table.values.partner[row];
+      tsb.player.square = (row) => {
+        const of = (k) => `${api.text("planner", k)} ${api.text("scenario_id", k).replace(/b?(-c)?$/, "")}`, wanted = of(row), found = [];
+        for (let k = 0; k < api.table.rows; k++) if (of(k) === wanted) found.push(k);
+        const id = (k) => api.text("scenario_id", k);
+        return found.sort((a, b) => (id(a) < id(b) ? -1 : 1));
+      };
       tsb.player.rivals = (row) => {
         const scene = api.text("scenario_id", row), found = new Map();
         for (let k = 0; k < api.table.rows; k++)
