@@ -21,7 +21,7 @@ from tsbench.planners.floor.guess import Blind
 from tsbench.planners.helpers import identified, sign_ahead
 from tsbench.planners.idm import Idm, IdmParameters
 
-# Told places are off by a few metres along the road; no two posts of one scene that face the same way are nearer.
+# Told places are off by a few metres along the road; only targets stand nearer to each other.
 _SAME_POST_M = 4.0
 _SLOW_WITHIN_M, _BRAKE_MPS2, _SHARE = 40.0, 2.0, 0.55
 
@@ -49,6 +49,7 @@ class Reader:
         if context.privilege is None:
             raise InputError("reader and its kin need PlannerContext.privilege: privileged = True")
         self._context, self._privilege = context, context.privilege
+        self._reads = [sign.id for sign in context.privilege.signs[self.reads]]
         self._told, self._expert = {}, None
         self._base.reset(replace(context, privilege=None))
 
@@ -74,11 +75,10 @@ class Reader:
     def _read(self, observation: Observation) -> dict[str, tuple[str, float | None]]:
         found: dict[str, tuple[str, float | None]] = {}
         for seen in observation.signs:
-            for target in self._privilege.signs[self.reads]:
-                if math.hypot(seen.x - target.x, seen.y - target.y) < _SAME_POST_M:
-                    read = identified(seen)
-                    if read.code:
-                        found.setdefault(target.id, (read.code, read.value))
+            far, target = min((math.hypot(seen.x - s.x, seen.y - s.y), s.id) for s in self._privilege.signs)
+            read = identified(seen)
+            if far < _SAME_POST_M and target in self._reads and read.code:
+                found.setdefault(target, (read.code, read.value))
         return found
 
     def obeyed(self, code: str, value: float | None) -> float | None:
