@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -308,3 +309,11 @@ def test_a_site_is_sound_and_its_users_are_there(type_id: str, tmp_path: Path, m
         sim.start_ego(start_motion(scene), lane.edge, lane.order)
         user = ("user_0", "back.1_0") if type_id in SAME else ("convoy_0", f"{contra_id('e_out')}_0")
         assert user in [(name, on) for name, on, _ in sim.fleet()]
+
+
+def test_a_road_whose_traffic_breaks_its_own_plate_is_unfit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    row, crop = two_way("living_street", speed=LIMIT, length=250.0)  # no limit of its class is as high
+    monkeypatch.setattr(site_module, "plain_crop", lambda *_: crop)
+    monkeypatch.setattr(site_module, "variants_of", lambda *names: variants_of(*names)[1:2])
+    site = SiteBuilder(recipe_of("bike_lane"), tmp_path, simulation()).build(row, None, "test")  # type: ignore[arg-type]
+    assert re.fullmatch(r"variant 1, 4 draws, at last: plate 3.24 is broken: \w+ drives \d+ km/h", site.reason)

@@ -19,7 +19,7 @@ from tsbench.make.placements.distractors import distractors, with_same_plates
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError, UnluckyDrawError
 from tsbench.make.placements.two_signs import TwoSignsPlacement
 from tsbench.make.scenes.plate_checks import refused
-from tsbench.make.scenes.plate_surroundings import PlacedPlates
+from tsbench.make.scenes.plate_surroundings import PlacedPlates, broken_plates
 from tsbench.make.scenes.recipe import Recipe, Variant, variants_of
 from tsbench.make.scenes.scene_files import OtherTraffic, SceneFileWriter
 from tsbench.make.scenes.traffic import draw_drivers, lane_km
@@ -211,9 +211,12 @@ class SiteBuilder:
         # Plates that need not be there are drawn last: no vehicle of any row may break one.
         scenes = placed(found, others)
         for scene in scenes:
-            for plate in scene.plates:
-                for _, why in refused(scene, plate):
-                    raise UnluckyDrawError(f"plate {plate.code} {why}")
+            wrong = [(plate, why) for plate in scene.plates for _, why in refused(scene, plate)]
+            wrong += [
+                (plate, f"is broken: {v.id} {why}") for v in scene.vehicles for plate, why in broken_plates(scene, v)
+            ]
+            for plate, why in wrong:
+                raise UnluckyDrawError(f"plate {plate.code} {why}")
         more = distractors(there, found[0], scenes)
         rows = []
         for (end, network, half), a in zip(corners, found, strict=True):
