@@ -115,11 +115,13 @@ def find_side(text: str, beside: StoredRun | None = None) -> Side:
     raise InputError(f"{text}: no run folder (expected RUN or RUN:planner, with RUN/run.json){results}")
 
 
-def _likeness(run: StoredRun, beside: StoredRun | None) -> tuple[bool, bool, bool, int]:
-    """How well a kept run goes with another: its city, eyes and scenarios, then how many; with none, by the plain."""
+def _likeness(run: StoredRun, beside: StoredRun | None) -> tuple[bool, bool, bool, bool, int]:
+    """How well a kept run goes with another: its city, eyes and scenarios; else, and with none, by test and by size."""
     city, eyes = (OWN_CITY, EXACTLY) if beside is None else (city_of(beside.manifest), beside.perception)
     same = beside is not None and not differing(run, beside, SELECTION)
-    return city_of(run.manifest) == city, run.perception == eyes, same, run.manifest["effective"]["scenarios"]
+    of_run = run.manifest["effective"]
+    plain = city_of(run.manifest) == city, run.perception == eyes
+    return *plain, same, of_run["split"] == "test", of_run["scenarios"]
 
 
 def _check_kept(kept: Side, own: Side) -> None:
