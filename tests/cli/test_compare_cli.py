@@ -237,7 +237,8 @@ def test_a_list_for_readers_and_for_programs(failures, tmp_path: Path) -> None:
     make_run(tmp_path / "x", episodes("idm", yield_m0_v0=END, speed_limit_m1_v0=failed("ValueError: π")))
     out, _ = failures("x", "--by", "clause")
     counts = "idm: 2 of 48 episodes failed: 1 error, 1 timeout\n"
-    assert out.startswith(f"{counts}error: 1 of 2 failures\n  idm/speed_limit-m1-v0\n    signed 2.4, planner_error, er")
+    listed = "error: 1 of 2 failures\n  idm/speed_limit-m1-v0\n    signed 2.4, planner_error, error: Va"
+    assert out.startswith(counts + listed)
     (first, second) = json.loads(failures("x", "--json")[0])
     assert first["sentence"] == "ValueError: π"
     assert second == {

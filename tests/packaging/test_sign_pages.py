@@ -20,6 +20,18 @@ PageMaker = load_script("sign_pages").PageMaker
 def test_a_page_shows_law_rule_violation_and_pass(tmp_path: Path) -> None:
     maker = PageMaker(DataSet(), tmp_path)
     text = maker.write("speed_limit").read_text(encoding="utf-8")
+    for words in (
+        "3.24",
+        "3.25",
+        "Vienna",
+        "| tolerance | 1 km/h | `tolerance_kmh` |",
+        "above the limit plus 1 km/h inside the zone",
+        "`over_limit`",
+        "| `idm` breaks the rule | `idm-e` obeys",
+        "## The other half",
+        "| `idm-e` | the same commands as in the first half |",
+    ):
+        assert words in text
     assert "> From " in text  # the sentence of the violation
     for name in (f"speed_limit-{part}.gif" for part in ("violation", "pass", "contrast", "repeated")):
         with PilImage.open(tmp_path / "pictures" / name) as film:

@@ -45,9 +45,12 @@ def test_the_backs_of_the_other_arms_plates_are_read() -> None:
     assert passed(READER, 0.0, "secondary_road") == [False, True]
 
 
-# The posts of stop_and_no_turn are three metres apart.
-@pytest.mark.parametrize("type_id", ["limit_and_yield", "stop_and_no_turn"])
-@pytest.mark.parametrize(("name", "rows_passed"), [("Reader", 4), ("FirstSign", 2), ("LastSign", 2)])
+# The posts of stop_and_no_turn are three metres apart; in limit_in_zone one limit ends the other.
+_ALONE = [("Reader", 4), ("FirstSign", 2), ("LastSign", 2)]
+_SQUARES = [(*alone, kind) for kind in ("limit_and_yield", "stop_and_no_turn") for alone in _ALONE]
+
+
+@pytest.mark.parametrize(("name", "rows_passed", "type_id"), [*_SQUARES, ("Reader", 4, "limit_in_zone")])
 def test_one_sign_of_two_is_half_of_a_square(name: str, rows_passed: int, type_id: str) -> None:
     rows = [row for row in DataSet().table("two-signs") if row.pair_type == type_id][:4]
     assert len({row.pair_name for row in rows}) == 1

@@ -256,6 +256,9 @@ def test_a_square_is_two_pairs_that_differ_in_one_sign_each(
     assert [p.code for p in lasts] == [last[k // 2] for k in range(4)]
     assert firsts[0] == firsts[2] != firsts[1] == firsts[3]
     assert lasts[0] == lasts[1] != lasts[2] == lasts[3]
+    for plates, exchanged in ((firsts, [False, True] * 2), (lasts, [False, False, True, True])):
+        if plates[0].value is not None:
+            assert [p.posted > plates[0].posted for p in plates] == exchanged
     assert len({(s.start, s.destination, s.convoy) for s in scenes}) == 1
     clauses = [{(c.name, c.sign) for c in s.contrast} for s in scenes]
     mine, theirs = ({(name, p[0].id) for name in names} for names, p in ((of_first, firsts), (of_last, lasts)))
