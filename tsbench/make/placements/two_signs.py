@@ -52,8 +52,7 @@ class TwoSignsPlacement(ScenePlacement):
 
     def place(self, task: SceneTask) -> Arrangement:
         """Both plates bind."""
-        a = self._with_first(task, self._last.place(replace(task, recipe=self._recipe_of_last)))
-        return replace(a, contrast=tuple(replace(clause, sign=a.targets[-1]) for clause in a.contrast))
+        return self._with_first(task, self._last.place(replace(task, recipe=self._recipe_of_last)))
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement | None:
         """The last sign's contrast plates; the first one's stay."""
@@ -196,8 +195,8 @@ class _NobodyComes(ManoeuvrePlacement):
 
     def banned(self, graph: LaneGraph, short: Sequence[str], allowed: Sequence[str]) -> frozenset[Turn]:
         """Besides, all turns from other approaches."""
-        lanes, here = graph.network.edges, graph.network.edges[short[0]].target
-        others = (e for e in lanes if lanes[e].target == here and e != short[0])
+        edges, here = graph.network.edges, graph.network.edges[short[0]].target
+        others = (e for e in edges if edges[e].target == here and e != short[0])
         return super().banned(graph, short, allowed) | {(e, onto) for e in others for onto in graph.successors(e)}
 
     def empty(self, task: SceneTask, approach: str) -> frozenset[str]:

@@ -214,6 +214,7 @@ class EpisodeIndex:
     def key(self, row: int) -> Key:
         return self.columns["planner"][row], self.columns["scenario_id"][row]
 
+    @cached_property
     def within_reach(self) -> set[int]:
         """Rows with a trace, and of failures among them the rest of their pairs, which can be driven again."""
         failed = [row for row in self.traces if not self.columns["scd"][row]]

@@ -159,7 +159,7 @@ def write_report(
 
 def served_page(pool: RunPool, index: EpisodeIndex, source: str) -> str:
     """The page of a run that is served: what is played is fetched from below `source`, driven again where need be."""
-    return Fixed(pool, index).page(Embedded(rows=index.within_reach()), source)
+    return Fixed(pool, index).page(Embedded(rows=index.within_reach), source)
 
 
 def episode_page(run: StoredRun, planner: str, scenario_id: str) -> str:

@@ -107,7 +107,7 @@ class Library:
 
     def _episode(self, run: OpenedRun, name: str) -> bytes:
         row = int(name) if name.isascii() and name.isdecimal() else -1
-        if row not in run.index.within_reach():
+        if row not in run.index.within_reach:
             raise NotThere(f"no trace of episode {name}")
         key = run.index.key(row)
         home = run.pool.home[key[0]].path

@@ -10,6 +10,7 @@ tsb.player = (() => {
   let shown = [], main = null; // the halves that are played, the signed one first; the one that was opened
   let tick = 0, playing = false, last = 0, row = -1, rows = [], asked = 0;
   let beside = ""; // the planner that is shown beside; "": the other half
+  let mates = []; // rows of the pair or square of the one that was opened
   const api = { open, can: () => false, passed: () => false, square: (row) => [row], rivals: () => new Map(), name: String, who: String, get episode() { return main?.episode ?? null; },
     get halves() { return shown.map((half) => half.episode); }, get cameras() { return shown.map((half) => half.view.camera); },
     get tick() { return tick; }, get playing() { return playing; } };
@@ -107,11 +108,12 @@ tsb.player = (() => {
   /* The rows that are shown, in order, and what else could be beside the one that was opened. */
   function choose() {
     const rivals = api.rivals(row), names = [...rivals.keys()];
+    mates = api.square(row);
     if (!rivals.has(beside)) beside = "";
     get("beside").replaceChildren(...["", ...names].map((name) => el("option", { value: name }, name || "the other half")));
     get("beside").value = beside;
     get("beside").parentElement.hidden = names.length === 0;
-    return beside ? [row, rivals.get(beside)] : api.square(row);
+    return beside ? [row, rivals.get(beside)] : mates;
   }
   function arrange(count) {
     shown = stages.slice(0, count);
@@ -142,7 +144,7 @@ tsb.player = (() => {
     draw();
   }
   function neighbour(by, failed = false) {
-    const at = rows.indexOf(row), others = failed ? [] : api.square(row);
+    const at = rows.indexOf(row), others = failed ? [] : mates;
     for (let k = at + by; at >= 0 && k >= 0 && k < rows.length; k += by)
       if (!others.includes(rows[k]) && api.can(rows[k]) && !(failed && api.passed(rows[k]))) return rows[k];
     return null;
