@@ -27,7 +27,7 @@ from tsbench.episode.perception import (
     SignDetection,
     SignDetector,
     faces,
-    in_sight,
+    in_field,
 )
 from tsbench.episode.perception_level import Perception, PerceptionLevel, load_level
 from tsbench.episode.runner import EpisodeRunner
@@ -142,12 +142,12 @@ def test_false_plates_come_at_the_level_s_rate() -> None:
 
 def test_geometry() -> None:
     here = ego(0.0)
-    assert in_sight(here, plate(60.0).view, [])
-    assert in_sight(here, plate(100.0, 0.0).view, [])
-    assert not in_sight(here, plate(100.1, 0.0).view, [])
+    assert in_field(here, plate(60.0).view)
+    assert in_field(here, plate(100.0, 0.0).view)
+    assert not in_field(here, plate(100.1, 0.0).view)
     for angle, seen in ((59.0, True), (61.0, False)):
         at = math.radians(angle)
-        assert in_sight(here, plate(20 * math.cos(at), 20 * math.sin(at), at).view, []) is seen
+        assert in_field(here, plate(20 * math.cos(at), 20 * math.sin(at), at).view) is seen
     for turned, seen in ((74.0, True), (76.0, False), (180.0, False)):
         assert faces(here, plate(30.0, 0.0, math.radians(turned)).view) is seen
     assert not faces(here, plate(100.1, 0.0).view)

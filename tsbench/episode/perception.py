@@ -110,25 +110,30 @@ class SignDetector:
     def look(self, snapshot: WorldSnapshot, seen: EgoState) -> list[SignView]:
         """What is known of plates at this tick, near or far, at no distance yet. seen: the ego on the map."""
         ego, step = snapshot.ego, snapshot.step
-        high = _high_boxes(snapshot)
+        high: list[Box] | None = None
         for one in self._watched:
-            view = one.plate.view
-            if one.due < 0 and in_sight(ego, view, high):
-                if faces(ego, view):
-                    if not one.seen:
-                        one.seen = True
-                        if self._level.posts and one.shown is None:
-                            self._tell(one, POST, view.masked(), ego, step)
-                    if one.kind and self._reads(one, ego, step):
-                        one.due = step + self._latency
-                elif one.kind and one.outline_due < 0 and _turned(ego, view) <= -_FACES and self._reads(one, ego, step):
-                    one.outline_due = step + self._latency
+            if one.due < 0 and in_field(ego, one.plate.view):
+                high = _high_boxes(snapshot) if high is None else high
+                if not hidden(ego, one.plate.view, high):
+                    self._see(one, ego, step)
             if one.outline_due == step and not 0 <= one.due <= step:
                 self._tell(one, OUTLINE, one.behind, ego, step)
             if one.due == step:
                 self._tell(one, one.kind, one.told_as, ego, step)
         self._imagine(snapshot, seen)
         return [w.shown for w in self._watched if w.shown is not None] + self._false
+
+    def _see(self, one: _TrackedSign, ego: EgoState, step: int) -> None:
+        view = one.plate.view
+        if faces(ego, view):
+            if not one.seen:
+                one.seen = True
+                if self._level.posts and one.shown is None:
+                    self._tell(one, POST, view.masked(), ego, step)
+            if one.kind and self._reads(one, ego, step):
+                one.due = step + self._latency
+        elif one.kind and one.outline_due < 0 and _turned(ego, view) <= -_FACES and self._reads(one, ego, step):
+            one.outline_due = step + self._latency
 
     def _reads(self, one: _TrackedSign, ego: EgoState, step: int) -> bool:
         view = one.plate.view
@@ -201,15 +206,18 @@ def draw(*names: object) -> float:
     return (seed_of("perception", *names) + 0.5) / 2.0**32
 
 
-def in_sight(ego: EgoState, plate: SignView, high: Sequence[Box]) -> bool:
-    """Geometry alone: in range and field of view, nothing high between."""
+def in_field(ego: EgoState, plate: SignView) -> bool:
+    """Whether the plate is in range and in the field of view."""
     dx, dy = plate.x - ego.x, plate.y - ego.y
     distance = math.hypot(dx, dy)
     if not 0.0 < distance <= SIGN_RANGE_M:
         return False
-    if dx * math.cos(ego.heading) + dy * math.sin(ego.heading) < _HALF_FIELD * distance:
-        return False
-    return not any(_cuts(box, ego.x, ego.y, plate.x, plate.y) for box in high)
+    return dx * math.cos(ego.heading) + dy * math.sin(ego.heading) >= _HALF_FIELD * distance
+
+
+def hidden(ego: EgoState, plate: SignView, high: Sequence[Box]) -> bool:
+    """Whether a high vehicle stands between the ego and the plate."""
+    return any(_cuts(box, ego.x, ego.y, plate.x, plate.y) for box in high)
 
 
 def faces(ego: EgoState, plate: SignView) -> bool:
