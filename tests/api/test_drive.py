@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -80,12 +81,28 @@ def test_the_end_says_since_when_the_ego_stands_and_before_what() -> None:
     assert first == "Episode ended: timeout (failed). No violation."
     assert sign == "The sign is 2.4 Give way."
     assert other.startswith("With the other half's plates, 2.1 Main road, the same drive has: At ")
-    assert 2.0 < float(stands.removeprefix("The ego stands since ").removesuffix(" s.")) < 6.0
+    halted = re.fullmatch(
+        r"The ego stands since (.*) s, (.*) m before the line of 2.4; nothing is on its path.", stands
+    )
+    assert halted is not None
+    assert 2.0 < float(halted[1]) < 6.0
+    assert 0.0 < float(halted[2]) < 60.0
     assert ": ego 0.00 m/s at " in now
     assert now.endswith(" m to the destination")
     assert any(line.startswith("plate 2.4: ") and " m ahead, " in line for line in around)
     passed = tsbench.drive("idm-e", SCENARIO).run().look()
     assert passed.startswith("Episode ended: arrived (passed). No violation.\nThe sign is 2.4 Give way.\nWith")
+
+
+def test_the_end_says_how_far_the_path_is_free() -> None:
+    def halting(o: tsbench.Observation) -> tsbench.Control:
+        return tsbench.Control(-6.0 if o.time >= 2.0 else 0.0, 0.0)
+
+    detour = min(one.scenario_id for one in tsbench.load_scenarios("dev", "detour_left"))
+    told = tsbench.drive(halting, detour).run().look()
+    found = re.search(r"m before the line of 4.2.2; its path is free for (.*) m\.", told)
+    assert found is not None
+    assert 0.0 < float(found[1]) < 100.0
 
 
 def test_the_end_has_the_sentences_of_what_is_held_against_it() -> None:

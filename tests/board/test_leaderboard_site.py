@@ -16,12 +16,12 @@ from submitted import TOWN, edition
 
 from tsbench.board.players import copy_traces, telling
 from tsbench.board.site import build_site
-from tsbench.board.submission import Submission, SubmittedEpisode
+from tsbench.board.submission import Figure, Submission, SubmittedEpisode
 from tsbench.board.verification import Mismatch, Verification, draw
 from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.episode.perception_level import load_level
-from tsbench.metrics.scd import PAIRED
+from tsbench.metrics.scd import PAIRED, SQUARED
 from tsbench.run.edition import contract_now
 from tsbench.scenarios.data_set import DataSet
 
@@ -356,6 +356,21 @@ def test_a_new_site_takes_the_place_of_the_old_one_whole(honest: Make, tmp_path:
             build(base, out)
         (out / name).unlink()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["all", "site"]
+
+
+def test_scenes_with_two_signs_stand_by_squared_scd(honest: Make, tmp_path: Path) -> None:
+    for name, value in (("idm", 40.0), ("idm-e", 20.0)):
+        squares = (Figure(SQUARED, over, value, 0.0, 99.0, 5) for over in ("all", "limit_and_yield"))
+        figures = (*squares, *honest(name).figures)
+        put(tmp_path / "all", f"{name}.json", replace(honest(name), contract="0" * 64, figures=figures))
+    index = build(tmp_path / "all", tmp_path / "site")
+    assert order(index) == ["idm", "idm-e"]
+    assert "squared SCD" in index
+    (own,) = (tmp_path / "site").glob("idm-e-*.html")
+    columns = re.search(r'<thead><tr><th scope="col">type</th>(.*)</tr></thead>', own.read_text())
+    assert columns is not None
+    assert re.findall(r">(\w+)</th>", columns[1]) == ["squared", "paired", "signed", "contrast"]
+    assert re.search(r"limit_and_yield</th><td[^>]*>20\.0", own.read_text())
 
 
 def test_data_that_are_not_here_are_said(honest: Make, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.perception_level import EXACT, EXACTLY, Perception, load_level
 from tsbench.episode.trace import Trace
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
-from tsbench.planners.helpers import sign_ahead
+from tsbench.planners.helpers import RoadAhead, line_ahead, sign_ahead
 from tsbench.planners.registry import FunctionPlanner, resolve
 from tsbench.report.wording import judged_stretch, readable, sign_name, under_other_sign
 from tsbench.run.log.record import Record, make_record
@@ -149,7 +149,7 @@ class Drive:
             return
         if ticks[-1].ego.speed <= _STANDS_MPS:
             moved = max((tick.time for tick in ticks if tick.ego.speed > _STANDS_MPS), default=-DT_S)
-            yield f"The ego stands since {moved + DT_S:.1f} s."
+            yield f"The ego stands since {moved + DT_S:.1f} s{_halted(self._episode.look(), self._episode.context)}."
         yield from _told(self._episode.look(), self._episode.context)
 
     @property
@@ -248,6 +248,15 @@ def _told(seen: Observation, context: PlannerContext) -> Iterator[str]:
         yield f"{kind}: {off[k]:.1f} m off, {float(seen.actors.speed[k]):.2f} m/s, {road}"
     if len(off) > _NEAREST:
         yield f"and {len(off) - _NEAREST} road users farther off"
+
+
+def _halted(seen: Observation, context: PlannerContext) -> str:
+    """Before which line an ego stands, and how far ahead something is on its path."""
+    lines = [(line_ahead(context, seen, sign), sign.code) for sign in seen.signs]
+    to_line, code = min((line for line in lines if line[0] >= 0.0), default=(math.inf, ""))
+    gap, _ = RoadAhead().gap(seen)
+    before = f", {to_line:.1f} m before the line of {code}" if math.isfinite(to_line) else ""
+    return before + (f"; its path is free for {gap:.1f} m" if math.isfinite(gap) else "; nothing is on its path")
 
 
 def _said(answer: Control | Trajectory | None) -> str:

@@ -18,7 +18,7 @@ from tsbench.board.submission import Figure, Submission
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.episode.perception_level import EXACT
-from tsbench.metrics.scd import NAMES, PAIRED, PARTS, SIGNED_ONES
+from tsbench.metrics.scd import EVERY_PART, NAMES, SIGNED_ONES
 from tsbench.report.page.page_format import render_page
 from tsbench.report.page.report_page import PLAYER_SCRIPTS
 from tsbench.scenarios.data_set import DataSet
@@ -74,14 +74,15 @@ def _swap_in(out: Path, pages: Mapping[str, str]) -> None:
 def _data_set(rows: Sequence[BoardRow]) -> dict[str, Any]:
     """The rows of one contract by level, with the panels that any of them has, and the curves of their planners."""
     edition, split, contract = rows[0].data_set
-    primary = PAIRED if any(row.figure(PAIRED) for row in rows) else SIGNED_ONES
+    figures = _parts(rows)
+    primary = figures[0] if figures else SIGNED_ONES
     by_level = groupby(sorted(rows, key=lambda row: row.level_rank), key=lambda row: row.level_rank)
     drawn = [(own[0], _curve(own, rows)) for own in _by_planner(rows)]
     return {
         "title": f"{edition}, {split} split",
         "contract": contract,
         "id": f"set-{contract[:8]}",
-        "figures": [name for name in PARTS if any(row.figure(name) for row in rows)],
+        "figures": figures,
         "primary": primary,
         "panels": [g for g in GROUPS if any(row.figure(primary, g) for row in rows)],
         "levels": [_level(sorted(some, key=lambda row: row.rank_by)) for _, some in by_level],
@@ -171,7 +172,12 @@ def _cities(own: Sequence[BoardRow]) -> list[tuple[str, Markup]]:
 
 
 def _primary_part(rows: Sequence[BoardRow]) -> str:
-    return PAIRED if all(row.figure(PAIRED) for row in rows) else SIGNED_ONES
+    return next((part for part in EVERY_PART if all(row.figure(part) for row in rows)), SIGNED_ONES)
+
+
+def _parts(rows: Sequence[BoardRow]) -> list[str]:
+    """The figures of SCD that any of the rows has, the primary one first."""
+    return [name for name in EVERY_PART if any(row.figure(name) for row in rows)]
 
 
 def _planner_page(own: Sequence[BoardRow], sets: dict[Compared, list[BoardRow]], players: int) -> str:
@@ -188,7 +194,7 @@ def _planner_page(own: Sequence[BoardRow], sets: dict[Compared, list[BoardRow]],
         "leaderboard_planner.html", title=rows[0].submission.title, blobs=shown.blobs,
         scripts=(*_SCRIPTS, *(PLAYER_SCRIPTS if shown.count else ())), rows=list(zip(rows, labels, strict=True)),
         curves=drawn, cities=_cities(rows), players=shown.count, types=_types, failures=_failures, short=_short,
-        figures=[name for name in PARTS if any(row.figure(name) for row in rows)],
+        figures=_parts(rows), parts=_parts,
     )  # fmt: skip
 
 
@@ -203,9 +209,9 @@ def _distinct(names: Sequence[str], rows: Sequence[BoardRow]) -> list[str]:
 
 
 def _types(row: BoardRow) -> list[tuple[str, list[Figure | None]]]:
-    """Each type that has figures, with them: paired, signed, contrast."""
-    kinds = (kind.id for kind in DataSet().catalog.types)
-    found = [(kind, [row.figure(name, kind) for name in PARTS]) for kind in kinds]
+    """Each type that has figures, with those of `_parts`."""
+    kinds, parts = (kind.id for kind in DataSet().catalog.every_type), _parts([row])
+    found = [(kind, [row.figure(name, kind) for name in parts]) for kind in kinds]
     return [(name, figures) for name, figures in found if any(f is not None for f in figures)]
 
 
