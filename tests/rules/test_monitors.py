@@ -1,8 +1,9 @@
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
-from typing import cast
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -35,6 +36,16 @@ ONE_OF_EACH = {
     "closed_road": "drives_in",
     "reserved_lane": "bus_stays_in_its_lane",
 }
+
+
+@dataclass(frozen=True)
+class _Told:
+    """Stands for a monitor and for its verdict."""
+
+    violations: tuple[Any, ...]
+
+    def verdict(self) -> _Told:
+        return self
 
 
 def _scene(rule: str) -> Scene:
@@ -181,8 +192,12 @@ def test_context_plates_are_watched_where_they_bind_the_ego() -> None:
     own = scene.target_signs[0]
     binding = replace(own, id="second", role="context", position_m=100.0)
     scenery = replace(own, id="third", role="context", code="2.1", value=None, params=None)
-    others = make_monitors(replace(scene, signs=(*scene.signs, binding, scenery))).others
-    assert [m.sign.id for m in others] == ["second"]
+    monitors = make_monitors(replace(scene, signs=(*scene.signs, binding, scenery)))
+    assert [m.sign.id for m in monitors.others] == ["second"]
+    wrong = _Told(("against the lane",))
+    said = replace(monitors, wrong_way=cast(Monitor, wrong)).verdicts()
+    assert [verdict.sign_id for verdict in said.others] == ["second"]
+    assert said.wrong_way == wrong.violations
 
 
 @pytest.mark.parametrize("kind", ["main_road", "secondary_road", "yield"])
@@ -204,3 +219,35 @@ def test_a_drive_has_the_same_verdict_in_either_numbering_of_lanes(kind: str) ->
     assert not facts.verdicts.compliant
     assert there.compliant
     runner.close()
+
+
+def test_a_place_on_a_way_is_the_same_place_where_its_lanes_are_cut_and_numbered_otherwise(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def roads(*lanes: tuple[str, float]) -> Any:
+        """The way from `a` to `b` over the lanes whose names begin with ':'."""
+        made = [SimpleNamespace(id=n, index=k, internal=n[0] == ":", length=m) for k, (n, m) in enumerate(lanes)]
+        place = {lane.id: lane.index for lane in made}
+        via = tuple(place[name] for name in sorted(place) if name[0] == ":")
+        outgoing = [[SimpleNamespace(to_lane=place["b"], via=via)] if lane.id == "a" else [] for lane in made]
+        return SimpleNamespace(lanes=made, outgoing=outgoing)
+
+    own = roads(("a", 50.0), (":1", 4.0), (":2", 6.0), (":3", 5.0), ("b", 40.0))
+    other = roads(("b", 40.0), ("a", 50.0), (":1", 7.0), (":2", 5.0), (":3", 3.0))
+    seen: list[WorldSnapshot] = []
+    watching = SimpleNamespace(update=seen.append, finish=lambda: "judged")
+    monkeypatch.setattr("tsbench.rules.monitors.make_monitors", lambda _: watching)
+    here = [(0, 12.0), (0, -1.0), (1, 1.5), (2, 3.0), (2, 5.0), (3, 4.0), (4, 8.0), (-1, 0.5)]
+    tick = _random_ticks("give_way", 1, 1)[0]
+    lanes, places = (np.array(column) for column in zip(*here, strict=True))
+    n = len(here)
+    actors = replace(tick.actors, index=np.zeros(n, np.int32), lane=lanes, lane_s=places)
+    tick = replace(tick, ego=replace(tick.ego, lane=3, s=0.5), actors=actors)
+    verdicts: Any = verdicts_of_other_half(cast(Scene, SimpleNamespace(network=other)), own, [tick])
+    assert verdicts == "judged"
+    moved = seen[0].actors
+    there = [(1, 12.0), (1, -1.0), (2, 1.5), (3, 0.0), (3, 2.0), (4, 2.0), (0, 8.0), (-1, 0.5)]
+    assert list(zip(moved.lane.tolist(), moved.lane_s.tolist(), strict=True)) == there
+    assert moved.lane.dtype == np.int32
+    assert moved.lane_s.dtype == np.float64
+    assert (seen[0].ego.lane, seen[0].ego.s) == (3, 3.5)

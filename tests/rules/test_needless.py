@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -14,8 +15,8 @@ from tsbench.core.errors import InputError
 from tsbench.planners.idm import IdmParameters, free_road
 from tsbench.rules.monitor import Violation
 from tsbench.rules.monitors import make_monitors
-from tsbench.rules.open_speed import at_metre
-from tsbench.sim.world import DT_S
+from tsbench.rules.open_speed import OtherLimits, at_metre
+from tsbench.sim.world import DT_S, EGO_LENGTH_M
 
 INITIAL_MPS = (3.61, 7.75, 11.05)
 LIMITS_KMH = (30, 50, 60, 70)
@@ -126,3 +127,20 @@ def test_a_limit_of_another_sign_is_a_reason_to_be_slow(where: str, limited: boo
     verdicts = monitors.finish()
     assert bool(verdicts.needless) is not limited
     assert [v.sign_id for v in verdicts.targets] == ["sign0", "sign1"][: 1 + limited]
+
+
+def test_before_another_signs_limit_the_open_speed_is_what_brakes_calmly_to_it() -> None:
+    where = _LIMITED["before a higher limit"]
+    limit = {"value": 20, "position_m": 20, "role": "target"} | where["limit"]
+    case = where | {"targets": 2, "signs": [*where["signs"], limit]}
+    scene = scene_of(case, HERE)
+    slow = make_monitors(scene).needless[0]
+    limits, calm = OtherLimits(slow), slow.rule.thresholds["calm_mps2"]
+
+    def at(front: float) -> float:
+        moved = case | {"ego": where["ego"] | {"start": front - EGO_LENGTH_M / 2}}
+        return limits.at(snapshots(moved, HERE, scene.network)[0].ego)
+
+    assert at(12.0) == pytest.approx(math.sqrt((20 / 3.6) ** 2 + 2 * calm * 8.0))
+    assert at(20.5) == at(30.0) == pytest.approx(20 / 3.6)
+    assert at(scene.network.edge_lanes("ab")[0].line.length + 2.0) == math.inf
