@@ -36,7 +36,7 @@ from tsbench.scenarios.spec import CONTRAST, MOST_TICKS, SCHEMA_VERSION, SIGNED,
 from tsbench.signs.catalog import Catalog, load_catalog
 from tsbench.signs.countries import Artwork, Country
 
-SplitName = Literal["test", "dev", "holdout", "train", "two-signs"]
+SplitName = Literal["test", "dev", "holdout", "train", "two-signs", "two-signs-dev"]
 SPLITS: tuple[str, ...] = get_args(SplitName)
 # Tables from before contrast pairs lack them.
 _LATER = ("pair_id", "half", "place")

@@ -239,7 +239,7 @@ def build_scenarios(request: BuildRequest, progress: Progress) -> list[TypeRepor
     reports: list[TypeReport] = []
     with worker_processes(request.workers, "building scenes") as pool:
         for split in (s for s in SPLITS if s in request.splits and s in city.maps):
-            for recipe in (recipe for recipe in recipes if (recipe.last is not None) == (split == TWO_SIGNS)):
+            for recipe in (recipe for recipe in recipes if (recipe.last is not None) == (split in TWO_SIGNS)):
                 sites, report = TypeBuilder(request, recipe, pool, split_of).fill(rows, split, progress)
                 _keep(request, recipe.type.id, split, sites, rows)
                 _write_report(request.root, report)
