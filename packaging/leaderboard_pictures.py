@@ -41,5 +41,5 @@ def make(site: Path, folder: Path, planner: str = "plant2-ft") -> list[Path]:
 
 
 if __name__ == "__main__":
-    for path in make(Path(sys.argv[1]), Path(sys.argv[2])):
+    for path in make(Path(sys.argv[1]).resolve(), Path(sys.argv[2])):
         print(path)
