@@ -10,8 +10,10 @@ from lxml import etree
 from simworld import SceneMaker, ego_at, simulation, speed_plate, store_scenes
 
 from tsbench.make.certify.certifier import Certifier, draw_sample, recertify
-from tsbench.make.certify.evidence import braking_before
+from tsbench.make.certify.evidence import AnswerReplay, Recorder, braking_before
 from tsbench.make.scenes.traffic import Car
+from tsbench.planners.base import Control
+from tsbench.planners.registry import LoadedPlanner
 from tsbench.roads.lane_graph import Destination
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates, write_certificates
 from tsbench.scenarios.data_set import DataSet
@@ -104,6 +106,30 @@ def test_others_who_betray_the_half_early_and_too_late(maker: SceneMaker) -> Non
     assert late.brake_mps2 < 6.0
     never = prove(maker, pair(maker, "never", cars=(Car("bg_000", 0, 70.0, ("road",), 2, 250.0),)))[0]
     assert (never.differs_s, never.brake_mps2) == (None, None)
+
+
+def test_a_drive_with_other_answers_is_driven_again(maker: SceneMaker, monkeypatch: pytest.MonkeyPatch) -> None:
+    early = pair(maker, "others", cars=(Car("bg_000", 0, 1.0, ("road",), 2, 120.0),))
+    prover, halves = certifier(maker.root), pair(maker, "again")
+    driven = [prover._drive("idm", spec) for spec in (early[1], halves[0])]
+    ticks, answers = driven[1].result.facts.snapshots, driven[1].seen.answers  # type: ignore[union-attr]
+    assert prover._first_difference(ticks, answers, halves[1], driven[0]) is not None
+    driven[0].seen.answers[0] = Control(-1.0, 0.0)
+    assert prover._first_difference(ticks, answers, halves[1], driven[0]) is None
+
+    found = [prover.prove(spec, "idm", 0, 0.0, 0.0) for spec in halves]
+    said: list[Control] = []
+
+    def passes(planner: LoadedPlanner, _: ScenarioSpec) -> bool:
+        driver = planner.factory()
+        if isinstance(driver, Recorder):
+            driver.answers = list(said)
+        return isinstance(driver, AnswerReplay)
+
+    monkeypatch.setattr(prover, "_passes", passes)
+    assert prover.compare(found)[0].exclusive is True
+    said.append(Control(9.0, 0.0))
+    assert prover.compare(found)[0].exclusive is False
 
 
 def test_braking_is_for_what_is_still_ahead(maker: SceneMaker) -> None:

@@ -40,7 +40,7 @@ from tsbench.make.certify.evidence import (
     road_users,
 )
 from tsbench.metrics.scd import is_scd
-from tsbench.planners.base import Control, Planner, Trajectory
+from tsbench.planners.base import Control, Trajectory
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run.edition import SCORING, code_hash
 from tsbench.scenarios.certificates import Certificate, bases, certificates_path, read_certificates, write_certificates
@@ -129,10 +129,12 @@ class Certifier:
 
     def _compare(self, signed: Certificate, contrast: Certificate) -> tuple[Certificate, Certificate]:
         a, b = self._proofs[signed.scenario_id], self._proofs[contrast.scenario_id]
-        replayed, passed_by = self._passed_unread(a, b)
+        tried = ((a, *self._tried_on(a, b.spec)), (b, *self._tried_on(b, a.spec)))
+        always = (f"who always obeys the {one.spec.half} plate" for one, _, obeying in tried if obeying)
+        passed_by = a.blind.result.planner if a.blind.passed and b.blind.passed else next(always, "")
         differs_s, brake = self._reaction(a, b)
         blind_equal = a.blind.seen.view == b.blind.seen.view != ""
-        shown = not replayed, passed_by, blind_equal, differs_s, brake
+        shown = not any(replayed for _, replayed, _ in tried), passed_by, blind_equal, differs_s, brake
         return signed.beside(*shown), contrast.beside(*shown)
 
     def again(self, rows: Sequence[tuple[ScenarioSpec, Certificate]]) -> list[Certificate]:
@@ -159,22 +161,16 @@ class Certifier:
                 return name, drives[-1]
         return "", drives[0]
 
-    def _passed_unread(self, a: _Proof, b: _Proof) -> tuple[bool, str]:
-        """Does the certified drive of a half pass the other one? And the driver that passes both halves without plates:
-        the blind baseline, one half's obedient driver, or "".
-        """
-        replayed, passed_by = False, ""
-        for one, other in ((b, a), (a, b)):
-            expert, told = self._planner(one.solver), one.solved.seen.context
-            assert told is not None
-            assert told.privilege is not None
-            obedient = Recorder(Prejudiced(expert.factory(), told.privilege))
-            passes = self._passes(_named(expert, obedient), other.spec)
-            passed_by = f"who always obeys the {one.spec.half} plate" if passes else passed_by
-            # Equal answers have equal results, so that the certified drive need not be driven again.
-            same = obedient.answers == one.solved.seen.answers[: len(obedient.answers)]
-            replayed |= passes if same else self._passes(_replay(one.solved.seen.answers), other.spec)
-        return replayed, a.blind.result.planner if a.blind.passed and b.blind.passed else passed_by
+    def _tried_on(self, one: _Proof, other: ScenarioSpec) -> tuple[bool, bool]:
+        """Is the other half passed by a half's certified drive? And by its expert, told this half's plate?"""
+        expert, answers, told = self._planner(one.solver), one.solved.seen.answers, one.solved.seen.context
+        assert told is not None
+        assert told.privilege is not None
+        obedient = Recorder(Prejudiced(expert.factory(), told.privilege))
+        obeying = self._passes(replace(expert, factory=lambda: obedient), other)
+        # Equal answers have equal results: the certified drive is driven again only where they differ.
+        same = obedient.answers == answers[: len(obedient.answers)]
+        return obeying if same else self._passes(_replay(answers), other), obeying
 
     def _reaction(self, a: _Proof, b: _Proof) -> tuple[float | None, float | None]:
         """When others first do something else, under the blind baseline's commands of the signed half, and the braking
@@ -288,10 +284,6 @@ class Certifier:
         seen = Recorder(planner.factory())
         runner = EpisodeRunner(replace(planner, factory=lambda: seen), simulation=self._simulation, loader=self._loader)
         return _Drive(runner.run(spec), seen)
-
-
-def _named(planner: LoadedPlanner, driver: Planner) -> LoadedPlanner:
-    return replace(planner, factory=lambda: driver)
 
 
 def _replay(answers: Sequence[Control | Trajectory]) -> LoadedPlanner:
