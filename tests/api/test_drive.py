@@ -73,10 +73,11 @@ def test_step_by_step() -> None:
     assert not drive.step()
 
 
-def test_the_end_says_since_when_the_ego_stands_and_before_what() -> None:
-    def halting(o: tsbench.Observation) -> tsbench.Control:
-        return tsbench.Control(-6.0 if o.time >= 2.0 else 0.0, 0.0)
+def halting(o: tsbench.Observation) -> tsbench.Control:
+    return tsbench.Control(-6.0 if o.time >= 2.0 else 0.0, 0.0)
 
+
+def test_the_end_says_since_when_the_ego_stands_and_before_what() -> None:
     first, sign, other, stands, now, *around = tsbench.drive(halting, SCENARIO).run().look().splitlines()
     assert first == "Episode ended: timeout (failed). No violation."
     assert sign == "The sign is 2.4 Give way."
@@ -95,9 +96,6 @@ def test_the_end_says_since_when_the_ego_stands_and_before_what() -> None:
 
 
 def test_the_end_says_how_far_the_path_is_free() -> None:
-    def halting(o: tsbench.Observation) -> tsbench.Control:
-        return tsbench.Control(-6.0 if o.time >= 2.0 else 0.0, 0.0)
-
     detour = min(one.scenario_id for one in tsbench.load_scenarios("dev", "detour_left"))
     told = tsbench.drive(halting, detour).run().look()
     found = re.search(r"m before the line of 4.2.2; its path is free for (.*) m\.", told)

@@ -147,10 +147,11 @@ class Drive:
             yield under_other_sign(scene, self._loader.load(other)[0], ticks)
         if result.outcome is Outcome.ARRIVED:
             return
+        seen, context = self._episode.look(), self._episode.context
         if ticks[-1].ego.speed <= _STANDS_MPS:
             moved = max((tick.time for tick in ticks if tick.ego.speed > _STANDS_MPS), default=-DT_S)
-            yield f"The ego stands since {moved + DT_S:.1f} s{_halted(self._episode.look(), self._episode.context)}."
-        yield from _told(self._episode.look(), self._episode.context)
+            yield f"The ego stands since {moved + DT_S:.1f} s{_halted(seen, context)}."
+        yield from _told(seen, context)
 
     @property
     def frame(self) -> Any:
