@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from tsbench.geometry.elementary import wrap
 from tsbench.geometry.polyline import Polyline
 from tsbench.make.maps.plain import PlainEdge, PlainNet, PlainNode, split_edge
 from tsbench.make.placements.by_name import placement_of
-from tsbench.make.placements.placement import Arrangement, SceneTask
+from tsbench.make.placements.placement import Arrangement, SceneTask, UnluckyDrawError
 from tsbench.make.scenes import map_scenarios as site_module
 from tsbench.make.scenes.map_scenarios import MapScenarios, SiteBuilder
 from tsbench.make.scenes.recipe import Variant, variants_of
@@ -308,6 +309,22 @@ def test_a_map_that_no_expert_solves_is_unfit(lone_yield: LoneYield) -> None:
     site = lone_yield("unsolved", (0, 1), Recorder(lambda spec, _: (spec.variant == 0, True)))
     assert site.rows == ()
     assert site.reason == "variant 1, 4 draws, at last: no expert solves it"
+
+
+def test_a_map_without_places_is_unfit_before_it_is_driven(
+    lone_yield: LoneYield, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kind = type(placement_of(recipe_of("yield")))
+    placed = kind.place
+
+    def full(self: Any, there: SceneTask) -> Arrangement:
+        if there.variant.number == 1:
+            raise UnluckyDrawError("no place")
+        return placed(self, there)
+
+    monkeypatch.setattr(kind, "place", full)
+    never = Recorder(lambda *_: pytest.fail("a variant was driven"))
+    assert lone_yield("full", (0, 1), never).reason == "variant 1, 4 draws, at last: no place"
 
 
 def test_one_of_ten_need_not_tempt(tmp_path: Path, lone_yield: LoneYield, monkeypatch: pytest.MonkeyPatch) -> None:

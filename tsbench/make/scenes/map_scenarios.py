@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from tsbench.core.benchmark import VARIANTS_OF
 from tsbench.core.errors import SimulationError
@@ -89,6 +89,17 @@ class _Drawn:
     density: float
 
 
+class _Placed(NamedTuple):
+    """The plates of a draw's rows, before there is traffic. files: writes a scene; placed: plates of all scenes."""
+
+    pair: str
+    corners: tuple[tuple[str, str, str], ...]
+    there: SceneTask
+    found: tuple[Arrangement, ...]
+    files: Callable[[str, str, Arrangement], SceneFileWriter]
+    placed: Callable[[Iterable[Arrangement], OtherTraffic | None], list[PlacedPlates]]
+
+
 class SiteBuilder:
     """Builds sites of one type below `root` (`scenarios/build/`); `sim` is the process's one simulation.
 
@@ -129,11 +140,26 @@ class SiteBuilder:
         untempting = 0
         variants = variants_of(self.recipe.type.id, row.map_id)[: VARIANTS_OF[split]]
         for variant in variants:
+            self._check_places(row, roads, folder, variant)
+        for variant in variants:
             built.append(self._proven(row, roads, folder, variant, split))
             untempting += any(not c.tempting for c in built[-1][1][:1])
             if untempting > UNTEMPTING_MOST * len(variants):
                 raise UnfitMapError(f"{untempting} variants do not tempt {self.recipe.blind_baseline}")
         return built
+
+    def _check_places(self, row: PoolRow, roads: dict[str, Roads], folder: Path, variant: Variant) -> None:
+        """Raises UnfitMapError where no draw of a variant has a place for its plates, before any variant is driven."""
+        rejected = []
+        for attempt in range(ATTEMPTS):
+            try:
+                self._placed(row, roads, folder, variant, attempt)
+            except UnluckyDrawError as error:
+                rejected.append(str(error))
+            else:
+                return
+        self._rejected += rejected
+        raise UnfitMapError(f"variant {variant.number}, {ATTEMPTS} draws, at last: {rejected[-1]}")
 
     def _proven(
         self, row: PoolRow, roads: dict[str, Roads], folder: Path, variant: Variant, split: str
@@ -176,9 +202,7 @@ class SiteBuilder:
                 return tuple(found)
         return prover.compare(found)
 
-    def _draw(
-        self, row: PoolRow, roads: dict[str, Roads], folder: Path, variant: Variant, split: str, attempt: int
-    ) -> _Drawn:
+    def _placed(self, row: PoolRow, roads: dict[str, Roads], folder: Path, variant: Variant, attempt: int) -> _Placed:
         recipe, kind = self.recipe, self.recipe.type
         pair = f"{kind.id}-{row.map_id}-v{variant.number}"
         draw = f"{pair}~{attempt}"
@@ -205,6 +229,12 @@ class SiteBuilder:
         if len(found) == len(_PAIR):
             signed, contrast = found
             found = with_same_plates(there, signed, contrast, placed(found, None))
+        return _Placed(pair, corners, there, found, files, placed)
+
+    def _draw(
+        self, row: PoolRow, roads: dict[str, Roads], folder: Path, variant: Variant, split: str, attempt: int
+    ) -> _Drawn:
+        pair, corners, there, found, files, placed = self._placed(row, roads, folder, variant, attempt)
         if not lane_km(there.network, found[0].closed_edges):
             variant = replace(variant, density=0.0)
         variant, others = self._traffic(variant, files(*corners[0][:2], found[0]))
@@ -223,7 +253,7 @@ class SiteBuilder:
             writer = files(end, network, _with_plates(a, more))
             writer.write(others)
             spec = replace(self._row(row, variant, split, writer), half=half, scenario_id=f"{pair}{end}")
-            if recipe.paired:
+            if self.recipe.paired:
                 spec = replace(spec, pair_id=pair + end.removesuffix("-c"))
             rows.append(spec)
         return _Drawn(tuple(rows), variant.cars_per_lane_km, others.density)
