@@ -49,7 +49,8 @@ def failures(run: Path, by: str, as_json: bool, allow_partial: bool) -> None:
 def report(runs: tuple[Path, ...], out: Path | None, **asked: Any) -> None:
     """Write one self-contained HTML page about RUNs: all figures, all episodes, and a player for those with a trace.
 
-    Runs of one page must have one contract and one selection of scenarios.
+    The other half of a failure is driven again where it has no trace, and has one then. Runs of one page must have one
+    contract and one selection of scenarios.
     """
     from tsbench.report.page.report_page import MEGABYTE, write_report  # brings matplotlib
 
@@ -59,7 +60,7 @@ def report(runs: tuple[Path, ...], out: Path | None, **asked: Any) -> None:
         click.echo(f"note: {note}", err=True)
     each = f", {written.player_bytes / written.players / 1000:.1f} kB each" if written.players else ""
     click.echo(f"report    {written.path} ({written.size / MEGABYTE:.1f} MB)")
-    click.echo(f"players   {written.players} of {written.traced} traced episodes, {written.episodes} in all{each}")
+    click.echo(f"players   {written.players} of {written.playable} playable episodes, {written.episodes} in all{each}")
 
 
 @click.command()

@@ -6,7 +6,6 @@ import resource
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -19,7 +18,7 @@ from tsbench.run.log.journal import Key
 from tsbench.run.log.read import StoredRun, read_run
 from tsbench.run.log.record import Row
 from tsbench.run.plan import choose_types
-from tsbench.run.run_traces import Traces
+from tsbench.run.run_traces import Traces, traces_of
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S
 
@@ -161,18 +160,12 @@ def _is_made(out: Path, trace: Path) -> bool:
     return out.is_file() and (not trace.is_file() or out.stat().st_mtime >= trace.stat().st_mtime)
 
 
-@lru_cache(maxsize=1)
-def _traces(run: Path) -> Traces:
-    """One of each process."""
-    return Traces(read_run(run))
-
-
 def _make(run: Path, key: Key, out: Path, kind: FileKind) -> tuple[float, float, str]:
     """Length of the episode and CPU time, s, and why there is no file, "" if there is; in one thread."""
     cv2.setNumThreads(1)
     before = _cpu_s()
     try:
-        traces = _traces(run)
+        traces = traces_of(run)
         trace = kind.make(traces, traces.run.row("/".join(key)), out)
     except InputError as problem:
         return 0.0, 0.0, str(problem)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 import pyarrow.compute as pc
@@ -12,7 +12,7 @@ from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, read_trace, trace_path, write_trace
 from tsbench.run.edition import contract_hash, standing_contract
 from tsbench.run.log.manifest import planners_of
-from tsbench.run.log.read import StoredRun
+from tsbench.run.log.read import StoredRun, read_run
 from tsbench.run.log.record import Row, make_record, same_value
 from tsbench.run.planner_info import resolve_unchanged
 from tsbench.scenarios.scene_loader import SceneLoader
@@ -102,3 +102,9 @@ class Traces:
         if result.facts is None or not result.facts.snapshots:
             raise InputError(f"{name}: ended before its first tick: {result.error}")
         write_trace(path, result)
+
+
+@lru_cache(maxsize=1)
+def traces_of(run: Path) -> Traces:
+    """Traces of the run folder that this process works on; it may be under way."""
+    return Traces(read_run(run, under_way=True))

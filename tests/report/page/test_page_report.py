@@ -58,7 +58,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
 def test_the_page_holds_the_summarys_figures(reported: tuple[Path, Written, str]) -> None:
     run, done, page = reported
     assert done.path == run / NAME
-    assert (done.players, done.traced, done.episodes) == (3, 4, 96)
+    assert (done.players, done.playable, done.episodes) == (3, 4, 96)
     assert done.size == done.path.stat().st_size
     summary = read_pool([run], False).summary
     text = unescape(re.sub(r"<[^>]+>", " ", page))
@@ -102,7 +102,7 @@ def test_bad_traces_are_told_and_the_rest_is_shown(reported: tuple[Path, Written
     _, done, page = reported
     stray, broken = done.notes
     assert "1 traces without their episode, not shown: traces/idm/speed_limit-nowhere-v0.parquet" in stray
-    assert broken.startswith("1 traces cannot be played: ")
+    assert broken.startswith("1 episodes cannot be played: ")
     assert "cannot be read as a trace" in broken
     assert stray in unescape(page)
     assert broken in unescape(page)
@@ -117,7 +117,7 @@ def test_the_command_writes_the_same_bytes_again(
     told = capsys.readouterr()
     assert ended.value.code == 0, told
     assert f"report    {tmp_path / 'new' / 'again.html'}" in told.out
-    assert "players   3 of 4 traced episodes, 96 in all, " in told.out
+    assert "players   3 of 4 playable episodes, 96 in all, " in told.out
     assert told.err.count("note: ") == 2
     assert (tmp_path / "new" / "again.html").read_text(encoding="utf-8") == page
 
@@ -143,7 +143,19 @@ def test_players_are_left_out_until_they_fit(tmp_path: Path) -> None:
     # Each planner's first episode is its violation.
     assert {0, 48} <= some.rows
     (note,) = some.notes
-    assert note.startswith(f"{len(some.rows)} of 4 traced episodes can be played here (violations first")
+    assert note.startswith(f"{len(some.rows)} of 4 episodes can be played here (violations first")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_charts")
+def test_the_other_half_of_a_failure_is_driven_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = tmp_path / "driven"
+    for command in (["run", "--planner", "idm", "--split", "dev", "--types", "yield", "--limit", "1"], ["report"]):
+        where = ["--out", str(run)] if "run" in command else [str(run)]
+        with pytest.raises(SystemExit, match="0"):
+            main([*command, *where])
+    assert "players   2 of 2 playable episodes, 2 in all" in capsys.readouterr().out
+    assert len(list((run / "traces" / "idm").iterdir())) == 2
 
 
 def test_a_bound_that_cannot_be_kept(
@@ -159,8 +171,8 @@ def test_several_runs_of_one_contract_are_one_page(tmp_path: Path) -> None:
     pool = read_pool(runs, False)
     index = index_episodes(pool)
     assert "idm, mine: 2 of 29 types" in heading(pool)["title"]
-    assert (len(index), len(index.traces), index.notes) == (96, 4, ())
-    assert {path.parents[2].name for path in index.traces.values()} == {"idm", "mine"}
+    assert (len(index), len(index.traced), index.notes) == (96, 4, ())
+    assert {index.trace(row).parents[2].name for row in index.traced} == {"idm", "mine"}
 
 
 @pytest.mark.usefixtures("no_charts")

@@ -194,16 +194,17 @@ Row = Mapping[str, Any]
 @dataclass(frozen=True)
 class EpisodeIndex:
     """Episodes of a pool. data: what they are of; columns: of their records, by planner and scenario (records as
-    dictionaries take three times the memory); traces: by row number; notes: what is odd.
+    dictionaries take three times the memory); traced: rows with a trace, in order; notes: what is odd.
 
-    stories: of runs. beside: by row number the rows of its pair or square, itself among them, by their ids;
-    passes: by row number which halves of its pair were passed, one of PASSES.
+    homes: the folder of each planner's run; stories: of runs. beside: by row number the rows of its pair or square,
+    itself among them, by their ids; passes: by row number which halves of its pair were passed, one of PASSES.
     """
 
     data: DataSet
     columns: Mapping[str, Sequence[Any]]
+    homes: Mapping[str, Path]
     stories: Mapping[Key, Row]
-    traces: Mapping[int, Path]
+    traced: tuple[int, ...]
     notes: tuple[str, ...]
     beside: Mapping[int, tuple[int, ...]]
     passes: Mapping[int, str]
@@ -214,11 +215,15 @@ class EpisodeIndex:
     def key(self, row: int) -> Key:
         return self.columns["planner"][row], self.columns["scenario_id"][row]
 
+    def trace(self, row: int) -> Path:
+        """Where the trace of an episode is, or will be when it is driven again."""
+        return trace_path(self.homes[self.columns["planner"][row]], *self.key(row))
+
     @cached_property
     def within_reach(self) -> set[int]:
         """Rows with a trace, and of failures among them the rest of their pairs, which can be driven again."""
-        failed = [row for row in self.traces if not self.columns["scd"][row]]
-        return {*self.traces, *(other for row in failed for other in self.beside.get(row, ()))}
+        failed = [row for row in self.traced if not self.columns["scd"][row]]
+        return {*self.traced, *(other for row in failed for other in self.beside.get(row, ()))}
 
 
 def index_episodes(pool: RunPool) -> EpisodeIndex:
@@ -230,24 +235,24 @@ def index_episodes(pool: RunPool) -> EpisodeIndex:
     columns = {name: [values[k] for k in order] for name, values in stored.items()}
     stories = {key: story for run in pool.runs for key, story in run.stories.items()}
     numbers = {key: k for k, key in enumerate(zip(columns["planner"], columns["scenario_id"], strict=True))}
-    there: dict[int, Path] = {}
+    homes = {name: run.path for name, run in pool.home.items()}
+    there = []
     notes = []
     for run in pool.runs:
         found = [p for p in sorted((run.path / "traces").rglob("*.parquet")) if not p.name.startswith(".")]
         strays = []
         for path in found:
             key = unquote(path.parent.name), unquote(path.stem)
-            if key in numbers and path == trace_path(pool.home[key[0]].path, *key):
-                there[numbers[key]] = path
+            if key in numbers and path == trace_path(homes[key[0]], *key):
+                there.append(numbers[key])
             else:
                 strays.append(path)
         if strays:
             names = ", ".join(str(path.relative_to(run.path)) for path in strays[:3])
             more = "" if len(strays) <= 3 else f" and {len(strays) - 3} more"
             notes.append(f"{run.path}: {len(strays)} traces without their episode, not shown: {names}{more}")
-    return EpisodeIndex(
-        pool.runs[0].data, columns, stories, dict(sorted(there.items())), tuple(notes), *_pairs(columns)
-    )
+    traced, data = tuple(sorted(there)), pool.runs[0].data
+    return EpisodeIndex(data, columns, homes, stories, traced, tuple(notes), *_pairs(columns))
 
 
 def _pairs(columns: Mapping[str, Sequence[Any]]) -> tuple[dict[int, tuple[int, ...]], dict[int, str]]:
@@ -270,16 +275,16 @@ def _pairs(columns: Mapping[str, Sequence[Any]]) -> tuple[dict[int, tuple[int, .
 
 
 def by_interest(index: EpisodeIndex) -> list[int]:
-    """Rows with a trace: violations first, then other failures, then the rest; planners and types in turn in each.
+    """Rows within reach: violations first, then other failures, then the rest; planners and types in turn in each.
 
     The other rows of a pair or square follow at once, for they are played together.
     """
     classes: dict[int, dict[tuple[str, str], list[int]]] = {0: {}, 1: {}, 2: {}}
     column = index.columns
-    for row in index.traces:
+    for row in index.traced:
         rank = 0 if column["violation_clause"][row] else 1 if not column["scd"][row] else 2
         classes[rank].setdefault((column["scenario_type"][row], column["planner"][row]), []).append(row)
     turns = (zip_longest(*(queues[name] for name in sorted(queues))) for queues in classes.values())
     alone = [row for turn in turns for places in turn for row in places if row is not None]
     halves = (half for row in alone for half in (row, *index.beside.get(row, ())))
-    return [row for row in dict.fromkeys(halves) if row in index.traces]
+    return [row for row in dict.fromkeys(halves) if row in index.within_reach]

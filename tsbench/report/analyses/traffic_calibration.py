@@ -106,10 +106,10 @@ def traffic(pool: RunPool, index: EpisodeIndex) -> Analysis | None:
     driven = set(index.columns["scenario_id"])
     rows = [spec for spec in table if spec.scenario_id in driven]
     traced: dict[str, int] = {}
-    for row in index.traces:
+    for row in index.traced:
         traced.setdefault(index.columns["scenario_id"][row], row)
     sample = sample_rows([spec for spec in rows if spec.scenario_id in traced], _EPISODES)
-    cruise = background_speeds(read_trace(index.traces[traced[spec.scenario_id]]) for spec in sample)
+    cruise = background_speeds(read_trace(index.trace(traced[spec.scenario_id])) for spec in sample)
     proven = (c for c in certificates_of(data) if c.scenario_id in driven)
     densities = np.array([c.realised_density for c in proven if c.asked_density])
     initial = grid_speeds(rows)

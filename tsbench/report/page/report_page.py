@@ -15,6 +15,7 @@ import pyarrow.compute as pc
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.parallel import worker_processes
+from tsbench.episode.trace import trace_path
 from tsbench.report.analyses.run_pool import EpisodeIndex, RunPool, by_interest, index_episodes, make_pool, read_pool
 from tsbench.report.page.episode_player import EpisodePacker, Packed, pack_plate
 from tsbench.report.page.page_format import render_page
@@ -59,7 +60,7 @@ class Embedded:
 def embed(index: EpisodeIndex, room: int, workers: int, progress: Callable[[int, int], None]) -> Embedded:
     """Pack episodes in the order of their interest until `room` bytes of the page are used.
 
-    progress(done, of): is told now and then.
+    The other half of a failure without a trace is driven again first. progress(done, of): is told now and then.
     """
     chosen, broken, artwork = Embedded(), list[str](), index.data.artwork()
     order = by_interest(index)
@@ -74,30 +75,41 @@ def embed(index: EpisodeIndex, room: int, workers: int, progress: Callable[[int,
         progress(k + 1, len(order))
     if left_out:
         chosen.notes.append(
-            f"{len(chosen.rows):,} of {len(order):,} traced episodes can be played here (violations first, types and "
+            f"{len(chosen.rows):,} of {len(order):,} episodes can be played here (violations first, types and "
             "planners in turn): the others would make the file too large; tsbench view plays all of them"
         )
     if broken:
         more = "; …" if len(broken) > 3 else ""
-        chosen.notes.append(f"{len(broken)} traces cannot be played: {'; '.join(broken[:3])}{more}")
+        chosen.notes.append(f"{len(broken)} episodes cannot be played: {'; '.join(broken[:3])}{more}")
     return chosen
 
 
 def _packed(index: EpisodeIndex, order: list[int], workers: int) -> Iterator[tuple[int, Packed | str]]:
-    jobs = [(index.data, index.traces[row], index.key(row)) for row in order]
-    if workers <= 1 or len(jobs) < _FEW:
+    jobs = [(index.data, index.homes[index.key(row)[0]], index.key(row)) for row in order]
+    # libsumo is for other processes.
+    if len(order) == len(index.traced) and (workers <= 1 or len(jobs) < _FEW):
         yield from ((row, _pack(*job)) for row, job in zip(order, jobs, strict=True))
         return
     with worker_processes(workers, "packing episodes") as pool:
         yield from zip(order, pool.ordered(_pack, jobs), strict=True)
 
 
-def _pack(data: DataSet, trace: Path, key: Key) -> Packed | str:
+def _pack(data: DataSet, run: Path, key: Key) -> Packed | str:
     """An episode, or in one line why not: one bad trace is no reason to have no report."""
+    path = trace_path(run, *key)
     try:
-        return _packer(data).pack(trace, key)
+        if not path.is_file():
+            drive_again(run, key)
+        return _packer(data).pack(path, key)
     except InputError as problem:
         return str(problem)
+
+
+def drive_again(run: Path, key: Key) -> None:
+    """Give an episode a trace, in a process that is for this. Raises InputError where it is another than it was."""
+    from tsbench.run.run_traces import traces_of  # brings libsumo
+
+    traces_of(run).read(*key)
 
 
 @cache
@@ -113,12 +125,12 @@ PLAYER_SCRIPTS = ("curves.js", "half.js", "player.js", "report.js")
 
 @dataclass(frozen=True)
 class Written:
-    """A report on disk. size: bytes; players, traced, episodes: how many; player_bytes: what the players take."""
+    """A report on disk. size: bytes; players, playable, episodes: how many; player_bytes: what the players take."""
 
     path: Path
     size: int
     players: int
-    traced: int
+    playable: int
     episodes: int
     player_bytes: int
     notes: tuple[str, ...]
@@ -153,8 +165,8 @@ def write_report(
     text = fixed.page(players).encode()
     with io_errors_as_input_errors(path):
         write_atomic(path, text)
-    played, traces, notes = len(players.rows), len(index.traces), (*index.notes, *players.notes)
-    return Written(path, len(text), played, traces, len(index), players.size, notes)
+    played, playable, notes = len(players.rows), len(index.within_reach), (*index.notes, *players.notes)
+    return Written(path, len(text), played, playable, len(index), players.size, notes)
 
 
 def served_page(pool: RunPool, index: EpisodeIndex, source: str) -> str:

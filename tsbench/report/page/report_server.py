@@ -24,14 +24,13 @@ from urllib.parse import unquote, urlsplit
 
 from tsbench.core.errors import InputError, TsbenchError
 from tsbench.core.parallel import worker_processes
-from tsbench.episode.trace import trace_path
 from tsbench.report.analyses.run_pool import EpisodeIndex, RunPool, index_episodes, read_pool
 from tsbench.report.page.episode_player import EpisodePacker, pack_plate
 from tsbench.report.page.page_format import render_page
-from tsbench.report.page.report_page import served_page
-from tsbench.run.log.journal import JOURNAL, Key, lines_so_far
+from tsbench.report.page.report_page import drive_again, served_page
+from tsbench.run.log.journal import JOURNAL, lines_so_far
 from tsbench.run.log.manifest import NAME, read_manifest
-from tsbench.run.log.read import is_run, read_run
+from tsbench.run.log.read import is_run
 
 HOST = "127.0.0.1"
 _RUN = re.compile(r"/run/(\d{1,6})/")
@@ -109,12 +108,11 @@ class Library:
         row = int(name) if name.isascii() and name.isdecimal() else -1
         if row not in run.index.within_reach:
             raise NotThere(f"no trace of episode {name}")
-        key = run.index.key(row)
-        home = run.pool.home[key[0]].path
-        path = trace_path(home, *key)
+        key, path = run.index.key(row), run.index.trace(row)
+        home = run.index.homes[key[0]]
         if not path.is_file():
             with worker_processes(1, "driving an episode again") as again:
-                again.start(_drive_again, home, key)()
+                again.start(drive_again, home, key)()
         if not path.resolve().is_relative_to(home.resolve()):
             raise NotThere(f"the trace of episode {name} lies outside its run")
         packed = run.packer.pack(path, key)
@@ -133,13 +131,6 @@ class Library:
             index = index_episodes(pool)
             opened = self._opened[number] = OpenedRun(mark, pool, index, EpisodePacker(index.data))
         return opened
-
-
-def _drive_again(run: Path, key: Key) -> None:
-    """Give an episode a trace. Raises InputError where it cannot be driven again as it was."""
-    from tsbench.run.run_traces import Traces  # brings libsumo, which no server needs
-
-    Traces(read_run(run, under_way=True)).read(*key)
 
 
 def _state(path: Path) -> tuple[int, int]:
