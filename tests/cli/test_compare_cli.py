@@ -184,6 +184,7 @@ def test_where_all_stand_is_said_last_on_one_screen(run, monkeypatch: pytest.Mon
     ("planner", "options", "folder"),
     [
         ("plant2-ft", {}, "plant2-ft"),
+        ("plant2-ft", {"split": "dev", "variants": "one-per-type"}, "dev"),
         ("plant2-ft", {"mask_signs": True}, "masked"),
         ("plant2-ft", {"perception": level("poor")}, "ft-poor"),
         ("plant2-ft", {"city": "north-bayreuth"}, "north-bayreuth-ft"),

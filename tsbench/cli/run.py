@@ -113,6 +113,7 @@ def _tell(ended: RunResult, stored: StoredRun | None, console: Console) -> None:
     if failed:
         lines.append(f"failures  tsbench failures {folder}")
     lines.append(f"pictures  tsbench render {folder} EPISODE")
+    lines.append(f"report    tsbench report {folder}")
     if ended.errors:
         lines.append(f"errors    {ended.folder / 'errors'}")
     if stored is not None and stored.edition:

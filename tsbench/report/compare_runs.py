@@ -115,13 +115,14 @@ def find_side(text: str, beside: StoredRun | None = None) -> Side:
     raise InputError(f"{text}: no run folder (expected RUN or RUN:planner, with RUN/run.json){results}")
 
 
-def _likeness(run: StoredRun, beside: StoredRun | None) -> tuple[bool, bool, bool, bool, int]:
-    """How well a kept run goes with another: its city, eyes and scenarios; else, and with none, by test and by size."""
+def _likeness(run: StoredRun, beside: StoredRun | None) -> tuple[bool | int, ...]:
+    """How well a kept run goes with another: its city, eyes, scenarios and split; with none, by test; then by size."""
     city, eyes = (OWN_CITY, EXACTLY) if beside is None else (city_of(beside.manifest), beside.perception)
     same = beside is not None and not differing(run, beside, SELECTION)
     of_run = run.manifest["effective"]
+    split = "test" if beside is None else beside.manifest["effective"]["split"]
     plain = city_of(run.manifest) == city, run.perception == eyes
-    return *plain, same, of_run["split"] == "test", of_run["scenarios"]
+    return *plain, same, of_run["split"] == split, of_run["split"] == "test", of_run["scenarios"]
 
 
 def _check_kept(kept: Side, own: Side) -> None:
