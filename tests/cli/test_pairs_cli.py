@@ -15,7 +15,7 @@ import pytest
 from command_line import in_process
 from run_builders import episode, episodes, failed, lost, make_run, pairs
 
-from tsbench.metrics.scd import PARTS
+from tsbench.metrics.scd import CONTRASTED, PAIRED, SIGNED_ONES
 from tsbench.report.analyses.analysis import write_analysis
 from tsbench.report.analyses.run_analyses import OF_POOL, analyse_runs
 from tsbench.run.log.read import read_run
@@ -74,7 +74,7 @@ def test_paired_comes_first_in_the_main_table(analyse, tmp_path: Path) -> None:
     three(tmp_path / "r")
     rows = {row["planner"]: row for row in analyse("main", "r") if row["figure"] == "strict"}
     heads = [key for key in rows["idm"] if key.endswith("overall")]
-    assert heads == [f"{part}_overall" for part in PARTS]
+    assert heads == [f"{part}_overall" for part in (PAIRED, SIGNED_ONES, CONTRASTED)]
     assert next(iter(row for row in rows["idm"] if "scd" in row)) == "paired_scd_overall"
     assert set(rows) == {"blind (floor)", "idm", "idm-e"}
     assert [number(rows["idm"][head]) for head in heads] == [ONE_LOST, round(100 * 47 / 48, 3), round(100 * 47 / 48, 3)]
@@ -109,7 +109,7 @@ def test_the_floor_stands_below_the_planners(analyse, tmp_path: Path) -> None:
     assert [row["over"] for row in rows] == ["all"] * 3 + ["group"] * 6 + ["type"] * 6
     assert [row["planner"] for row in rows[:3]] == ["idm", "idm-e", "blind (floor)"]
     blind = rows[2]
-    assert [number(blind[part]) for part in PARTS] == [0.0, 100.0, 0.0]
+    assert [number(blind[part]) for part in (PAIRED, SIGNED_ONES, CONTRASTED)] == [0.0, 100.0, 0.0]
     assert blind["paired_scd_high"] != ""
     assert (blind["n"], blind["places"]) == ("48", "12")
     note = (tmp_path / "out" / "floor.md").read_text(encoding="utf-8")
@@ -197,3 +197,6 @@ def test_a_square_names_the_sign_that_was_broken(analyse, tmp_path: Path) -> Non
     (row,) = analyse("squares", "r", "--allow-partial")
     assert (row["type"], row["planner"], row["n"]) == ("limit_and_yield", "idm", "2")
     assert [number(row[key]) for key in ("squared_scd", "rows", "first", "last")] == [50.0, 3.0, 0.0, 25.0]
+    first = analyse("floor", "r", "--allow-partial")[0]
+    assert next(name for name in first if name.endswith("scd")) == "squared_scd"
+    assert (first["n"], number(first["squared_scd"])) == ("2", 50.0)

@@ -18,7 +18,7 @@ from tsbench.board.submission import Figure, Submission
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.episode.perception_level import EXACT
-from tsbench.metrics.scd import EVERY_PART, NAMES, SIGNED_ONES
+from tsbench.metrics.scd import NAMES, PARTS, SIGNED_ONES
 from tsbench.report.page.page_format import render_page
 from tsbench.report.page.report_page import PLAYER_SCRIPTS
 from tsbench.scenarios.data_set import DataSet
@@ -172,12 +172,12 @@ def _cities(own: Sequence[BoardRow]) -> list[tuple[str, Markup]]:
 
 
 def _primary_part(rows: Sequence[BoardRow]) -> str:
-    return next((part for part in EVERY_PART if all(row.figure(part) for row in rows)), SIGNED_ONES)
+    return next((part for part in PARTS if all(row.figure(part) for row in rows)), SIGNED_ONES)
 
 
 def _parts(rows: Sequence[BoardRow]) -> list[str]:
     """The figures of SCD that any of the rows has, the primary one first."""
-    return [name for name in EVERY_PART if any(row.figure(name) for row in rows)]
+    return [name for name in PARTS if any(row.figure(name) for row in rows)]
 
 
 def _planner_page(own: Sequence[BoardRow], sets: dict[Compared, list[BoardRow]], players: int) -> str:

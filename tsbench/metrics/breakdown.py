@@ -16,7 +16,7 @@ from tsbench.geometry.polyline import Array
 from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.metric import Metric
 from tsbench.metrics.records import Records
-from tsbench.metrics.scd import EVERY_PART, SCD
+from tsbench.metrics.scd import PARTS, SCD
 
 STRICT, COMPLETED = "strict", "completed"
 
@@ -115,7 +115,7 @@ def twice(
 def break_down(sides: Sequence[Records], measure: Measure[T]) -> Breakdown[T]:
     """All figures of records of the same scenarios."""
     scores = {}
-    for part in EVERY_PART:
+    for part in PARTS:
         halves = [side.of(part) for side in sides]
         if len(halves[0]):
             scores[part] = _scores(halves, measure)

@@ -40,13 +40,9 @@ SCD = Metric(
     failure=0.0,
     about_rule=True,
 )
-# The figures of SCD by their names in summaries, the primary one first: share of pairs with both halves passed, of
-# signed halves (and what has no pair), of contrast halves.
-PAIRED, SIGNED_ONES, CONTRASTED = "paired_scd", "signed_scd", "contrast_scd"
-PARTS = (PAIRED, SIGNED_ONES, CONTRASTED)
-# Of scenarios with two signs, share of squares with all four rows passed: the primary one there.
-SQUARED = "squared_scd"
-EVERY_PART = (SQUARED, *PARTS)
+# Figures of SCD by their names in summaries, the primary one first: share of squares (scenarios with two signs) with
+# all four rows passed, of pairs with both halves passed, of signed halves (and what has no pair), of contrast halves.
+SQUARED, PAIRED, SIGNED_ONES, CONTRASTED = PARTS = "squared_scd", "paired_scd", "signed_scd", "contrast_scd"
 # The half whose episodes a figure is over, where it is not both.
 HALF_OF = {SIGNED_ONES: SIGNED, CONTRASTED: CONTRAST}
 # The figures of SCD as tables call them.

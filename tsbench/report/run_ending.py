@@ -22,9 +22,9 @@ from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import StrictAndCompleted
 from tsbench.metrics.intervals import Estimate
-from tsbench.metrics.scd import EVERY_PART, NAMES
+from tsbench.metrics.scd import NAMES
 from tsbench.report.analyses.analysis import ALL, DASH
-from tsbench.report.analyses.columns import panels_of, present_panels
+from tsbench.report.analyses.columns import panels_of, present_panels, present_parts
 from tsbench.report.wording import readable, sign_words
 from tsbench.run.log.read import StoredRun
 from tsbench.run.log.record import SPEC_COLUMNS
@@ -53,14 +53,9 @@ _ENDS = {
 }
 
 
-def primary(planners: Sequence[PlannerSummary]) -> str:
-    """The part of SCD that a run is read by: that of pairs, where it has any."""
-    return next(part for part in EVERY_PART if any(part in p.scores for p in planners))
-
-
 def headline(planners: Sequence[PlannerSummary]) -> tuple[list[str], list[list[str]]]:
     """Heads and rows of a table: each planner's primary figure, %, over all types with its interval, and by group."""
-    panels, part = present_panels(planners), primary(planners)
+    panels, part = present_panels(planners), present_parts(planners)[0]
     rows = []
     for p in planners:
         figures = panels_of(p, part)
@@ -80,7 +75,7 @@ def _text(figure: StrictAndCompleted[Estimate] | None, *, interval: bool, unit: 
 
 def citation(run: StoredRun, planners: Sequence[PlannerSummary]) -> tuple[list[str], str]:
     """What to say with a run's figures, a line for each planner, and the BibTeX entry of what they were made with."""
-    part, effective = primary(planners), run.manifest["effective"]
+    part, effective = present_parts(planners)[0], run.manifest["effective"]
     of = {"city": "", "split": " split", "variants": " variants", "half": " half", "limit": " scenarios at most"}
     words = [f"{value}{what}" for name, what in of.items() if (value := effective.get(name)) not in (None, BOTH)]
     words += ["plates masked"] if run.perception.masked else []

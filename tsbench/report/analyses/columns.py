@@ -15,9 +15,9 @@ from typing import TypeVar
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import COMPLETED, STRICT, Counted, StrictAndCompleted
 from tsbench.metrics.intervals import Estimate
-from tsbench.metrics.paired_differences import Difference
+from tsbench.metrics.paired_differences import Comparison, Difference
 from tsbench.metrics.records import group_rank
-from tsbench.metrics.scd import EVERY_PART, SIGNED_ONES
+from tsbench.metrics.scd import NAMES, PARTS, SIGNED_ONES
 from tsbench.planners.planner_spec import EXPERT
 from tsbench.report.analyses.analysis import ALL, Cell, Column, Kind, Row, Value
 from tsbench.run.edition import editions
@@ -37,9 +37,14 @@ def pick(figure: StrictAndCompleted[T] | None, reading: str) -> T | None:
     return None if figure is None else figure.read(reading)
 
 
-def present_parts(planners: Sequence[PlannerSummary]) -> tuple[str, ...]:
+def present_parts(found: Iterable[PlannerSummary | Comparison]) -> tuple[str, ...]:
     """The figures of SCD that there are, the primary one first."""
-    return tuple(part for part in EVERY_PART if any(part in p.scores for p in planners))
+    there = {part for one in found for part in one.scores}
+    return tuple(part for part in PARTS if part in there)
+
+
+def scd_columns(parts: Iterable[str]) -> Iterator[Column]:
+    return (Column(part, f"{NAMES[part]}\n%") for part in parts)
 
 
 def panels_of(p: PlannerSummary, part: str) -> dict[str, StrictAndCompleted[Estimate]]:

@@ -18,7 +18,7 @@ from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import STRICT
 from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.paired_differences import Comparison, compare, shared_scenarios
-from tsbench.metrics.scd import NAMES, PARTS, SCD_NOTE
+from tsbench.metrics.scd import NAMES, SCD_NOTE
 from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.columns import (
     INTERVAL_NOTE,
@@ -27,6 +27,8 @@ from tsbench.report.analyses.columns import (
     number_columns,
     panels_of,
     pick,
+    present_parts,
+    scd_columns,
     text_columns,
 )
 from tsbench.report.analyses.failures import CAUSE_NOTES, CAUSES, causes_of
@@ -119,7 +121,7 @@ def _ablation_rows(planner: str, c: Comparison) -> Iterator[Row]:
 
 
 def _draw_ablation(found: Mapping[str, Comparison], title: str, edition: str) -> Figure:
-    part = next(part for part in PARTS if any(part in c.scores for c in found.values()))
+    part = present_parts(found.values())[0]
     figures = {planner: c.scores[part].panels(ALL) for planner, c in found.items() if part in c.scores}
     panels: dict[str, list[ForestRow]] = {name: [] for named in figures.values() for name in named}
     for name, rows in panels.items():
@@ -173,29 +175,30 @@ def _rank(run: StoredRun) -> tuple[float, str]:
 def _by_level(pools: dict[str, RunPool]) -> Analysis:
     names = tuple(dict.fromkeys(name for pool in pools.values() for name in pool.planners))
     first = next(iter(pools.values()))
+    parts = present_parts(p for pool in pools.values() for p in pool.summaries)
     columns = (
         *text_columns("planner", "level"),
-        *(Column(part, f"{NAMES[part]}\n%") for part in PARTS),
+        *scd_columns(parts),
         *count_columns("n", "places", failed="signed halves\nfailed"),
         *count_columns(*CAUSES),
     )
-    rows = tuple(row for name in names for row in _level_rows(pools, name))
+    rows = tuple(row for name in names for row in _level_rows(pools, name, parts))
     missing = sum(sum(pool.holes.values()) for pool in pools.values())
     title = f"PARTIAL, {missing} episodes missing: " if missing else ""
     effective = first.runs[0].manifest["effective"]
     title += f"SCD over perception levels: {effective['split']} split, variants {effective['variants']}"
     notes = (f"{SCD_NOTE}. Below each figure its {INTERVAL_NOTE}; strict", *CAUSE_NOTES)
-    draw = partial(_draw_levels, pools, names, title)
+    draw = partial(_draw_levels, pools, names, parts[0], title)
     return Analysis("perception", title, first.contract, Table(columns, rows, 2), notes, draw)
 
 
-def _level_rows(pools: dict[str, RunPool], name: str) -> Iterator[Row]:
+def _level_rows(pools: dict[str, RunPool], name: str, parts: Sequence[str]) -> Iterator[Row]:
     starts = True
     for level, pool in pools.items():
         summary = _summary(pool, name)
         if summary is None:
             continue
-        found = [pick(panels_of(summary, part).get(ALL), STRICT) for part in PARTS]
+        found = [pick(panels_of(summary, part).get(ALL), STRICT) for part in parts]
         main = next((e for e in found if e is not None), None)
         causes = causes_of(pool, name)
         counts: list[Cell] = [None if causes is None else causes.count(cause) for cause in CAUSES]
@@ -209,10 +212,9 @@ def _summary(pool: RunPool, name: str) -> PlannerSummary | None:
     return next((p for p in pool.summaries if p.planner == name), None)
 
 
-def _draw_levels(pools: dict[str, RunPool], names: Sequence[str], title: str) -> Figure:
+def _draw_levels(pools: dict[str, RunPool], names: Sequence[str], part: str, title: str) -> Figure:
     figure = Figure(figsize=(7.0, 4.2), layout="constrained")
     axes = figure.subplots()
-    part = next(p for p in PARTS if any(p in s.scores for pool in pools.values() for s in pool.summaries))
     for k, name in enumerate(names):
         points = []
         for at, pool in enumerate(pools.values()):

@@ -18,7 +18,7 @@ from tsbench.metrics.aggregate import PlannerSummary, Summary
 from tsbench.metrics.breakdown import COMPLETED, STRICT, StrictAndCompleted
 from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.intervals import Estimate
-from tsbench.metrics.scd import NAMES, PARTS, SCD_NOTE, SIGNED_ONES
+from tsbench.metrics.scd import NAMES, SCD_NOTE, SIGNED_ONES
 from tsbench.report.analyses.analysis import ALL, DASH, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.columns import (
     INTERVAL_NOTE,
@@ -32,6 +32,7 @@ from tsbench.report.analyses.columns import (
     present_types,
     readings,
     scd_beside,
+    scd_columns,
     text_columns,
     with_rings,
 )
@@ -197,35 +198,33 @@ def run_tables(summary: Summary) -> tuple[Analysis, ...]:
 def floor(pool: RunPool) -> Analysis:
     """A block of rows for all types, each group and each type; in it the planners, those that are floors last."""
     planners = sorted(pool.summaries, key=lambda p: p.floor)
+    parts = present_parts(planners)
     rows: list[Row] = []
     for panel in present_panels(planners):
-        rows += _block(planners, "all" if panel == ALL else "group", panel)
+        rows += _block(planners, parts, "all" if panel == ALL else "group", panel)
     for kind, _ in present_types(planners):
-        rows += _block(planners, "type", kind)
+        rows += _block(planners, parts, "type", kind)
     floors = ", ".join(p.planner for p in planners if p.floor)
     notes = (*_FLOOR_NOTES, f"floor: {floors} read no plate" if floors else "none of the planners is a floor")
     title = pool.title("Planners and the sign-blind floor")
-    columns = (*text_columns("over", "types", "planner"), *_SCD_COLUMNS)
+    columns = (*text_columns("over", "types", "planner"), *scd_columns(parts), *_COUNTED)
     return Analysis("floor", title, pool.contract, Table(columns, tuple(rows), 3), notes)
 
 
-_SCD_COLUMNS = (
-    *(Column(part, f"{NAMES[part]}\n%") for part in PARTS),
-    Column("n", "n", Kind.COUNT),
-    Column("places", "places", Kind.TEXT),
-)
+_COUNTED = (Column("n", "n", Kind.COUNT), Column("places", "places", Kind.TEXT))
 _FLOOR_NOTES = (
     f"{SCD_NOTE}. Below each figure its {INTERVAL_NOTE}",
-    "strict: error outcomes count as failures. n: pairs, or halves where there are none; places: theirs",
+    "strict: error outcomes count as failures. n: squares, pairs, or halves where there are none; places: theirs",
 )
 
 
 def campaign_table(name: str, runs: Mapping[str, Summary]) -> Analysis:
     """A block of rows for each run of a campaign, by its name; in it the planners, those that are floors last."""
+    parts = present_parts(p for summary in runs.values() for p in summary.planners)
     rows: list[Row] = []
     for run, summary in runs.items():
         planners = sorted(summary.planners, key=lambda p: p.floor)
-        rows += [replace(row, cells=(run, *row.cells[2:])) for row in _block(planners, "all", ALL)]
+        rows += [replace(row, cells=(run, *row.cells[2:])) for row in _block(planners, parts, "all", ALL)]
     contracts = list(dict.fromkeys(summary.contract_hash for summary in runs.values()))
     several = [
         f"contract {contract}: {', '.join(run for run, s in runs.items() if s.contract_hash == contract)}"
@@ -233,14 +232,14 @@ def campaign_table(name: str, runs: Mapping[str, Summary]) -> Analysis:
         if len(contracts) > 1
     ]
     partial = "PARTIAL: " if any(summary.partial for summary in runs.values()) else ""
-    table = Table((*text_columns("run", "planner"), *_SCD_COLUMNS), tuple(rows), 2)
+    table = Table((*text_columns("run", "planner"), *scd_columns(parts), *_COUNTED), tuple(rows), 2)
     contract = "" if several else contracts[0]
     return Analysis("campaign", f"{partial}Campaign {name}", contract, table, (*_FLOOR_NOTES, *several))
 
 
-def _block(planners: list[PlannerSummary], over: str, name: str) -> Iterator[Row]:
+def _block(planners: list[PlannerSummary], parts: Sequence[str], over: str, name: str) -> Iterator[Row]:
     for k, p in enumerate(planners):
-        found = [pick(_figures(p, part, over).get(name), STRICT) for part in PARTS]
+        found = [pick(_figures(p, part, over).get(name), STRICT) for part in parts]
         main = next((e for e in found if e is not None), None)
         cells: list[Cell] = [Value.of(e) for e in found]
         if main is not None:

@@ -8,13 +8,13 @@ from typing import Any
 from tsbench.metrics.paired_differences import compare, shared_scenarios
 from tsbench.metrics.scd import HALF_OF, NAMES
 from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Column, Kind, Row, Table, Value, lines_of
-from tsbench.report.analyses.columns import difference_columns, difference_rows, panels_of, text_columns
+from tsbench.report.analyses.columns import difference_columns, difference_rows, panels_of, present_parts, text_columns
 from tsbench.report.analyses.run_analyses import OF_POOL
 from tsbench.report.analyses.run_pool import EpisodeIndex, RunPool
 from tsbench.report.analyses.traffic_calibration import traffic
 from tsbench.report.charts import inline_svg
 from tsbench.report.page.page_format import pack_table, page_column
-from tsbench.report.run_ending import citation, counted, failures_of, primary
+from tsbench.report.run_ending import citation, counted, failures_of
 from tsbench.report.wording import readable
 from tsbench.scenarios.spec import pair_type
 
@@ -29,7 +29,7 @@ _FOR_CORRELATIONS = 6
 
 def headlines(pool: RunPool) -> list[dict[str, str]]:
     """Each planner's primary figure, and how its episodes failed."""
-    part, found = primary(pool.summaries), []
+    part, found = present_parts(pool.summaries)[0], []
     failed = {run.path: failures_of(run) for run in pool.runs}
     for p in pool.summaries:
         run, figure = pool.home[p.planner], panels_of(p, part)[ALL].main
