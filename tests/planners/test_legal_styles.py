@@ -6,7 +6,7 @@ import pytest
 from planner_loop import KMH, Body, World, constant, front_of, ids, load, target_plate, verdict
 
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.planners.observation import SignView
+from tsbench.planners.base import SignView
 from tsbench.planners.reader import Reader
 from tsbench.planners.registry import resolve
 from tsbench.planners.styles import Assertive, Cautious, Elderly, LegalStyle

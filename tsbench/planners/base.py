@@ -1,23 +1,22 @@
-"""The planner contract: what a planner is, is told and gives back, and how that is read. Units: m, s, m/s, rad.
-
-What it sees: `tsbench.planners.observation`.
+"""The planner contract: what a planner is, sees, is told and gives back, and how that is read. Units: m, s, m/s, rad.
 
 A planner is a class with `reset(context)` and `act(observation) -> Control | Trajectory`, or a function
-`observation -> Control`. The runner times it; nothing in here is written to by a planner.
+`observation -> Control`. The runner times it; nothing in here is written to by a planner. Observations are made by
+`tsbench.episode.observer`; the ego, road users, the route and obstacles in them are those of `tsbench.sim`.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
-from tsbench.core.errors import PlannerOutputError, cause_of
+from tsbench.core.errors import InputError, PlannerOutputError, cause_of
 from tsbench.geometry.polyline import Array
-from tsbench.planners.observation import Observation, SignView, true_world
 from tsbench.roads.lane_graph import Destination, MapGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.planner_map import PlannerMap
@@ -25,11 +24,87 @@ from tsbench.roads.road_map import RoadMap
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog, RuleSpec
 from tsbench.sim.ego import MAX_TRAJECTORY_POSES, Motion, check_trajectory, track
+from tsbench.sim.navigation import RouteView
+from tsbench.sim.scene import Obstacle
+from tsbench.sim.world import Agents, EgoState, WorldSnapshot
 
-__all__ = [
-    "Command", "Control", "Observation", "Plan", "Planner", "PlannerContext", "Privilege", "SignView", "Trajectory",
-    "to_command", "to_plan", "true_world",
-]  # fmt: skip
+
+@dataclass(frozen=True, slots=True)
+class SignView:
+    """A sign as a planner sees it. With masked signs it is `masked`: an anonymous object.
+
+    code: of the catalogue, "" where the ego has seen its back only (`from_behind`). value: the number that it sets
+    (km/h), None where it sets none. x, y: where the post stands. heading: direction of travel of the traffic that it
+    faces. edge, lane (order, -1 = all lanes) and position_m: whose traffic it addresses, and how far along its edge it
+    stands. distance: m from the ego's centre in a straight line. outline: the plate's shape, from the front and from
+    behind: octagon, inverted_triangle, diamond, triangle, circle or rectangle. main_road: the plate 8.13 beneath it:
+    the two directions in which the main road leads from the junction, rad to the left of straight on, the approach
+    itself at pi; () where none hangs there.
+    """
+
+    code: str
+    value: float | None
+    x: float
+    y: float
+    heading: float
+    edge: str
+    lane: int
+    position_m: float
+    distance: float
+    outline: str = ""
+    main_road: tuple[float, ...] = ()
+
+    def masked(self) -> SignView:
+        """What is left of it where identity is hidden: where it stands, and which way it faces."""
+        return SignView(
+            code="", value=None, x=self.x, y=self.y, heading=self.heading, edge="", lane=-1, position_m=math.nan,
+            distance=self.distance,
+        )  # fmt: skip
+
+    def from_behind(self) -> SignView:
+        """What is seen of it from behind: where it stands, which way it faces, and its outline."""
+        return SignView(
+            code="",
+            value=None,
+            x=self.x,
+            y=self.y,
+            heading=self.heading,
+            edge=self.edge,
+            lane=-1,
+            position_m=self.position_m,
+            distance=self.distance,
+            outline=self.outline,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """Everything that a planner may see at one tick. Lanes and edges are those of the map.
+
+    ego: own state; history: (h, 4) x, y, heading, speed of the ego's centre at the last ticks, oldest first, the
+    present last: one row at the first tick, 20 from the twentieth on.
+    route: navigation path and the ego's place on it. actors: road users within range. signs: plates within range,
+    nearest first. obstacles: fixed things within range. truth: the world as it is, for experts only, else None.
+    """
+
+    step: int
+    time: float
+    ego: EgoState
+    history: Array
+    route: RouteView
+    actors: Agents
+    signs: tuple[SignView, ...]
+    obstacles: tuple[Obstacle, ...]
+    truth: WorldSnapshot | None = None
+
+
+def true_world(observation: Observation) -> WorldSnapshot:
+    """The world as experts see it. Raises InputError for other planners."""
+    if observation.truth is None:
+        raise InputError("Observation.truth is for planners with privileged = True")
+    return observation.truth
+
+
 Command = tuple[float, float]
 Plan = npt.NDArray[np.float32]
 _FARTHEST_M = 1e6
@@ -190,3 +265,34 @@ def _intent(edges: object, network: RoadMap) -> tuple[str, ...]:
             raise PlannerOutputError(f"intent names edge {edge!r:.80}, which is not in the network")
     # Plain ones of the network's own: what is kept runs no code of the planner.
     return tuple(network.edges[edge].id for edge in edges)
+
+
+DEVICES = ("cpu", "cuda")
+
+Records = npt.NDArray[np.void]
+# (b,) records in, (b,) records out; a row's answer does not depend on the other rows, to the bit.
+Infer = Callable[[Records], Records]
+
+
+@runtime_checkable
+class Batched(Protocol):
+    """What the class of such a planner has besides `reset` and `act`. Its constructor takes `infer`: Infer | None, the
+    network that answers its records; None = its network on the CPU.
+
+    inputs: dtype of the records. served_on: devices that its network runs on besides the CPU.
+    """
+
+    inputs: ClassVar[np.dtype[Any]]
+    served_on: ClassVar[tuple[str, ...]]
+
+    @staticmethod
+    def network(device: str) -> Infer:
+        """Load the network on `cpu` or a device of `served_on`."""
+
+
+def check_device(device: str) -> None:
+    """Raises InputError where torch does not see the device."""
+    import torch
+
+    if device == "cuda" and not torch.cuda.is_available():
+        raise InputError("--device cuda: torch sees no CUDA device here")

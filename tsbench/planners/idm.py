@@ -10,9 +10,8 @@ import math
 from dataclasses import dataclass
 
 from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.planners.geometry import HALF_LENGTH_M, moving_ahead, obstacle_ahead
+from tsbench.planners.geometry import HALF_LENGTH_M, PathSamples, moving_ahead, obstacle_ahead, speed_at, speed_profile
 from tsbench.planners.lane_change import LaneChanges, follow
-from tsbench.planners.speed_profile import PathSamples, speed_at, speed_profile
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.sim.scene import Obstacle
 

@@ -18,8 +18,7 @@ import numpy as np
 
 from tsbench.planners.base import Control, Observation, PlannerContext
 from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequirement, ObservedVehicle
-from tsbench.planners.experts.rules.gap_acceptance import COURTESY
-from tsbench.planners.experts.rules.right_of_way import RightOfWay
+from tsbench.planners.experts.rules.gap_acceptance import COURTESY, RightOfWay
 from tsbench.planners.idm import Idm, IdmParameters
 from tsbench.planners.reader import Reader
 from tsbench.sim.nuplan import quantile_speed

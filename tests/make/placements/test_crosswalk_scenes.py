@@ -31,7 +31,7 @@ from tsbench.make.scenes import map_scenarios as site_module
 from tsbench.make.scenes.map_scenarios import MapScenarios, SiteBuilder
 from tsbench.make.scenes.recipe import Recipe, Variant, load_recipe, variants_of
 from tsbench.make.scenes.verify import lint_scene
-from tsbench.metrics.scd import is_scd
+from tsbench.metrics.metric import is_scd
 from tsbench.planners.registry import resolve
 from tsbench.report.drawing.canvas import STYLE
 from tsbench.report.drawing.scene_shapes import staged_bodies
@@ -46,7 +46,7 @@ from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.plate_params import CrosswalkParams
+from tsbench.signs.rule_kinds import CrosswalkParams
 from tsbench.sim.ego import MAX_DECEL_MPS2
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind

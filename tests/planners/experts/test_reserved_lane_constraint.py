@@ -13,7 +13,7 @@ from tsbench.planners.lane_change import pursue_route
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.plate_params import ReservedLaneParams
+from tsbench.signs.rule_kinds import ReservedLaneParams
 from tsbench.sim.world import ActorKind
 
 NETS = CASES / "nets"

@@ -13,7 +13,7 @@ from tsbench.planners.idm import Idm
 from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
 from tsbench.roads.lane_graph import Destination
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.plate_params import ZoneParams
+from tsbench.signs.rule_kinds import ZoneParams
 from tsbench.sim.world import EGO_LENGTH_M
 
 KMH = 3.6

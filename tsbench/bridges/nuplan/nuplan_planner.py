@@ -20,7 +20,7 @@ from tsbench.core.errors import InputError
 from tsbench.geometry.polyline import Array
 from tsbench.planners.base import Observation, PlannerContext, Trajectory
 from tsbench.planners.geometry import EGO
-from tsbench.planners.loading import import_attribute
+from tsbench.planners.planner_spec import import_attribute
 from tsbench.roads.lane_graph import RoutePath
 
 _KEPT = 21

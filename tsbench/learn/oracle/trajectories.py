@@ -30,7 +30,7 @@ from tsbench.core.typed import typed
 from tsbench.episode.outcome import EpisodeFacts, EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.metrics.comfort import comfort
-from tsbench.metrics.scd import is_scd
+from tsbench.metrics.metric import is_scd
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory, to_command
 from tsbench.planners.registry import LoadedPlanner

@@ -11,7 +11,7 @@ from tsbench.planners.base import Observation, PlannerContext, Privilege
 from tsbench.planners.experts.rules.constraint import RuleConstraint
 from tsbench.roads.lane_graph import MapGraph, Turn, heading_change
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.plate_params import JunctionParams
+from tsbench.signs.rule_kinds import JunctionParams
 from tsbench.sim.navigation import Navigator, RouteView
 
 

@@ -12,7 +12,7 @@ from tsbench.planners.lane_change import gap_free
 from tsbench.roads.lane_graph import MapGraph, RoutePath
 from tsbench.roads.road_map import MapLane
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.plate_params import ReservedLaneParams
+from tsbench.signs.rule_kinds import ReservedLaneParams
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import EgoState
 
