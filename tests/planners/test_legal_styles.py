@@ -7,9 +7,8 @@ from planner_loop import KMH, Body, World, constant, front_of, ids, load, target
 
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import SignView
-from tsbench.planners.reader import Reader
+from tsbench.planners.reader import Assertive, Cautious, Elderly, LegalStyle, Reader
 from tsbench.planners.registry import resolve
-from tsbench.planners.styles import Assertive, Cautious, Elderly, LegalStyle
 from tsbench.roads.lane_graph import Destination
 from tsbench.run.log.record import make_record
 from tsbench.scenarios.data_set import DataSet

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from planner_loop import Body, World, constant, load
 
-from tsbench.planners.idm import Idm
-from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4, draw_style
+from tsbench.planners.idm import Idm, IdmS1, IdmS2, IdmS3, IdmS4, draw_style
 from tsbench.roads.lane_graph import Destination
 from tsbench.sim.nuplan import quantile_speed
 

@@ -9,8 +9,7 @@ from planner_loop import Body, World, constant, front_of, load, verdict
 
 from tsbench.planners.base import Planner, SignView
 from tsbench.planners.experts.expert import Expert
-from tsbench.planners.idm import Idm
-from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
+from tsbench.planners.idm import Idm, IdmS1, IdmS2, IdmS3, IdmS4
 from tsbench.roads.lane_graph import Destination
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.rule_kinds import ZoneParams
