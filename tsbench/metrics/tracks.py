@@ -57,8 +57,14 @@ def tracks_of(snapshots: list[WorldSnapshot]) -> Tracks:
     actors = [s.actors for s in snapshots]
     table = actors[-1].table
     row = np.concatenate([a.index for a in actors])
+    x, y, heading, speed, acceleration, yaw_rate = ego[:, :6].T
     return Tracks(
-        *ego[:, :6].T,
+        x,
+        y,
+        heading,
+        speed,
+        acceleration,
+        yaw_rate,
         lane=ego[:, 6].astype(np.int64),
         tick=np.repeat(np.arange(len(actors)), [len(a.index) for a in actors]),
         row=row,
