@@ -17,8 +17,8 @@ import pyarrow.parquet as pq
 from tsbench.core.paths import data_root
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.intervals import share_interval, sums_by_cluster
-from tsbench.metrics.metric import PAIRED, SCD
 from tsbench.metrics.records import split_records
+from tsbench.metrics.scd import PAIRED, SCD
 
 RATES = (0.002, 0.01, 0.05, 0.2, 0.5, 0.8, 0.95, 0.99, 0.998)
 CORRELATIONS = (0.0, 0.1, 0.25, 0.5)

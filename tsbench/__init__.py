@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from tsbench.api.loaded_run import load_run as load_run
     from tsbench.api.scenario_list import load_scenarios as load_scenarios
     from tsbench.planners.base import Control as Control
-    from tsbench.planners.base import Observation as Observation
     from tsbench.planners.base import Planner as Planner
     from tsbench.planners.base import PlannerContext as PlannerContext
     from tsbench.planners.base import Trajectory as Trajectory
@@ -33,6 +32,7 @@ if TYPE_CHECKING:
     from tsbench.planners.helpers import line_ahead as line_ahead
     from tsbench.planners.helpers import sign_ahead as sign_ahead
     from tsbench.planners.lane_change import pursue_route as pursue_route
+    from tsbench.planners.observation import Observation as Observation
 
 __version__ = "0.1.0"
 
@@ -41,7 +41,7 @@ _PUBLIC = {
     "Control": "tsbench.planners.base",
     "Drive": "tsbench.api.drive",
     "EGO": "tsbench.planners.geometry",
-    "Observation": "tsbench.planners.base",
+    "Observation": "tsbench.planners.observation",
     "Planner": "tsbench.planners.base",
     "PlannerContext": "tsbench.planners.base",
     "RoadAhead": "tsbench.planners.helpers",

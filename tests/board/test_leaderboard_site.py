@@ -21,7 +21,7 @@ from tsbench.board.verification import Mismatch, Verification, draw
 from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.episode.perception_level import load_level
-from tsbench.metrics.metric import PAIRED, SQUARED
+from tsbench.metrics.scd import PAIRED, SQUARED
 from tsbench.run.edition import contract_now
 from tsbench.scenarios.data_set import DataSet
 

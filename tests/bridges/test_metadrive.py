@@ -27,7 +27,7 @@ from tsbench.bridges.metadrive import (
 )
 from tsbench.core.errors import InputError
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.planners.base import Observation
+from tsbench.planners.observation import Observation
 from tsbench.planners.registry import resolve
 from tsbench.scenarios.data_set import DataSet
 from tsbench.sim.world import ActorKind

@@ -15,7 +15,7 @@ import pytest
 from command_line import in_process
 from run_builders import episode, episodes, failed, lost, make_run, pairs
 
-from tsbench.metrics.metric import PARTS
+from tsbench.metrics.scd import PARTS
 from tsbench.report.analyses.analysis import write_analysis
 from tsbench.report.analyses.run_analyses import OF_POOL, analyse_runs
 from tsbench.run.log.read import read_run

@@ -10,7 +10,7 @@ import pytest
 
 from tsbench.episode.observer import Observer
 from tsbench.episode.perception_level import Perception
-from tsbench.planners.base import SignView
+from tsbench.planners.observation import SignView
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.sim.world import Actors, ActorTable, EgoState, WorldSnapshot

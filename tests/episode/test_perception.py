@@ -32,7 +32,7 @@ from tsbench.episode.perception import (
 from tsbench.episode.perception_level import Perception, PerceptionLevel, load_level
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import read_trace, write_trace
-from tsbench.planners.base import SignView
+from tsbench.planners.observation import SignView
 from tsbench.planners.registry import resolve
 from tsbench.roads.road_map import RoadMap
 from tsbench.scenarios.data_set import DataSet

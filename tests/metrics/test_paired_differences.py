@@ -13,7 +13,6 @@ from table_builders import random_rows, records, row
 from tsbench.core.errors import InputError
 from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.intervals import ClusterBootstrap
-from tsbench.metrics.metric import SCD
 from tsbench.metrics.paired_differences import (
     Comparison,
     Difference,
@@ -26,6 +25,7 @@ from tsbench.metrics.paired_differences import (
     mcnemar_p,
     mcnemar_power,
 )
+from tsbench.metrics.scd import SCD
 
 COMFORT = METRICS["comfort"]
 

@@ -8,7 +8,7 @@ import pytest
 from planner_loop import KMH, Body, World, cones, constant, front_of, load, target_plate, verdict
 
 import tsbench
-from tsbench.planners.base import SignView
+from tsbench.planners.observation import SignView
 from tsbench.planners.registry import resolve
 from tsbench.roads.lane_graph import Destination
 

@@ -13,9 +13,9 @@ from planner_loop import Body, World, cones, constant, front_of, ids, load
 from work import calls
 
 from tsbench.geometry.footprint import boxes_overlap
-from tsbench.planners.base import Observation
 from tsbench.planners.geometry import PathSamples, speed_profile
 from tsbench.planners.idm import Idm, IdmParameters, IdmS1, IdmS2, IdmS3, IdmS4, draw_style, free_road, interaction
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import Destination, LaneGraph
 from tsbench.sim.nuplan import quantile_speed
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, ActorKind

@@ -11,7 +11,7 @@ from learned_scenes import SPEED, Recorder, with_signs
 
 from tsbench.learn.rl.carl_planner import DRIVABLE, EGO, LIGHTS, LIMITS, OTHERS, ROUTE, STOPS, VEHICLES, RasterEncoder
 from tsbench.learn.rl.ppo_planner import NEIGHBOURS, RAYS, SIZE, VectorEncoder
-from tsbench.planners.base import Observation
+from tsbench.planners.observation import Observation
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ from planner_loop import KMH, Body, World, constant, front_of, ids, load, target
 
 from tsbench.episode.perception_level import EXACTLY, Perception, load_level
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.planners.base import SignView
+from tsbench.planners.observation import SignView
 from tsbench.planners.reader import Assertive, Cautious, Elderly, LegalStyle, Reader
 from tsbench.planners.registry import resolve
 from tsbench.roads.lane_graph import Destination

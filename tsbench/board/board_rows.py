@@ -20,7 +20,7 @@ from tsbench.board.verification import ClaimVerdict, Verification, draw, read_ve
 from tsbench.core.errors import InputError
 from tsbench.core.provenance import digest
 from tsbench.core.textfile import read_json
-from tsbench.metrics.metric import EVERY_PART
+from tsbench.metrics.scd import EVERY_PART
 from tsbench.planners.registry import comes_with_tsbench
 from tsbench.run.edition import LOCAL, contract_now, edition_of, standing_contract
 from tsbench.scenarios.data_set import DataSet

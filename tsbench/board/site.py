@@ -18,7 +18,7 @@ from tsbench.board.submission import Figure, Submission
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.episode.perception_level import EXACT
-from tsbench.metrics.metric import EVERY_PART, NAMES, SIGNED_ONES
+from tsbench.metrics.scd import EVERY_PART, NAMES, SIGNED_ONES
 from tsbench.report.page.page_format import render_page
 from tsbench.report.page.report_page import PLAYER_SCRIPTS
 from tsbench.scenarios.data_set import DataSet

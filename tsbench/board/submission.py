@@ -29,7 +29,7 @@ from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACT, PATH, PerceptionLevel, load_level
 from tsbench.metrics.aggregate import summarise
 from tsbench.metrics.episode_metrics import EPISODE_METRICS
-from tsbench.metrics.metric import SCD
+from tsbench.metrics.scd import SCD
 from tsbench.planners.base import DEVICES
 from tsbench.run.log.record import Row, head_row
 from tsbench.run.log.schema import EPISODES

@@ -11,7 +11,7 @@ from tsbench.core.benchmark import OBSTACLE_RANGE_M, SIGN_RANGE_M
 from tsbench.episode.perception import Plate, SignDetection, SignDetector, faces
 from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.episode.traffic_view import TrafficView
-from tsbench.planners.base import Observation, SignView
+from tsbench.planners.observation import Observation, SignView
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.planner_map import PlannerMap
 from tsbench.signs.annotations import SignInstance

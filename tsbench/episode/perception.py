@@ -17,7 +17,7 @@ from tsbench.core.benchmark import SIGN_RANGE_M
 from tsbench.core.seeds import seed_of
 from tsbench.episode.perception_level import PerceptionLevel
 from tsbench.geometry.elementary import log_of
-from tsbench.planners.base import SignView
+from tsbench.planners.observation import SignView
 from tsbench.roads.road_map import RoadMap
 from tsbench.signs.catalog import Catalog
 from tsbench.sim.world import DT_S, ActorKind, Box, EgoState, WorldSnapshot

@@ -14,8 +14,9 @@ import numpy.typing as npt
 
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.episode_metrics import METRICS
-from tsbench.metrics.metric import EVERY_PART, SCD, Metric
+from tsbench.metrics.metric import Metric
 from tsbench.metrics.records import Records
+from tsbench.metrics.scd import EVERY_PART, SCD
 
 STRICT, COMPLETED = "strict", "completed"
 

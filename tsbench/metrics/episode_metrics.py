@@ -15,7 +15,8 @@ import numpy.typing as npt
 from tsbench.episode.outcome import EpisodeFacts
 from tsbench.metrics.comfort import LONGITUDINAL_MPS2, comfort
 from tsbench.metrics.interaction import efficiency, min_pet, min_ttc
-from tsbench.metrics.metric import SCD, Metric, MetricInput, Number
+from tsbench.metrics.metric import Metric, MetricInput, Number
+from tsbench.metrics.scd import SCD
 from tsbench.metrics.tracks import Tracks
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S, EGO_LENGTH_M

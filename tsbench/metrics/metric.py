@@ -1,13 +1,4 @@
-"""What a metric of an episode is: its column, measurement and summary; and SCD, the primary one.
-
-SCD is sign-compliant and arrived. Of an episode it is yes or no (`is_scd`): `Verdicts.against` of
-`tsbench.rules.monitor` collects what counts against it, events of the targets' rules, needless obedience in a contrast
-half, and the wrong way. An episode with an error outcome has it not.
-
-A figure of SCD is a share of one part of the records (`Records.of`): of the signed halves (and what has no pair), of
-the contrast halves, or of the pairs. A pair passed where both halves did: paired SCD, the primary figure. Over several
-types it is the mean of the types' shares (`tsbench.metrics.breakdown`).
-"""
+"""What a metric of an episode is: its column and meaning, its measurement, and what a summary makes of it."""
 
 from __future__ import annotations
 
@@ -20,9 +11,7 @@ from typing import Any
 import numpy as np
 
 from tsbench.episode.outcome import EpisodeFacts, Outcome
-from tsbench.geometry.polyline import Array
 from tsbench.metrics.tracks import Tracks, tracks_of
-from tsbench.scenarios.spec import CONTRAST, SIGNED
 
 Number = bool | int | float | str | None
 
@@ -94,41 +83,3 @@ class Metric:
     @property
     def binary(self) -> bool:
         return self.kind is bool
-
-
-def is_scd(facts: EpisodeFacts) -> bool:
-    """SCD of an episode: arrived, the targets' rules kept, nothing obeyed needlessly, and never the wrong way."""
-    return facts.outcome is Outcome.ARRIVED and not facts.verdicts.against
-
-
-def scd_of_both(one: Array, other: Array) -> Array:
-    """(n,) SCD of pairs from that of their halves, of squares from that of their pairs; NaN where either has none."""
-    return np.minimum(one, other)
-
-
-SCD = Metric(
-    "scd",
-    bool,
-    lambda e: is_scd(e.facts),
-    "compliant and arrived, never the wrong way, and in a contrast scene nothing obeyed needlessly: the primary "
-    "metric; false for an error outcome",
-    unit="%",
-    scale=100.0,
-    failure=0.0,
-    about_rule=True,
-)
-# The figures of SCD by their names in summaries, the primary one first: share of pairs with both halves passed, of
-# signed halves (and what has no pair), of contrast halves.
-PAIRED, SIGNED_ONES, CONTRASTED = "paired_scd", "signed_scd", "contrast_scd"
-PARTS = (PAIRED, SIGNED_ONES, CONTRASTED)
-# Of scenarios with two signs, share of squares with all four rows passed: the primary one there.
-SQUARED = "squared_scd"
-EVERY_PART = (SQUARED, *PARTS)
-# The half whose episodes a figure is over, where it is not both.
-HALF_OF = {SIGNED_ONES: SIGNED, CONTRASTED: CONTRAST}
-# The figures of SCD as tables call them.
-NAMES = {SQUARED: "squared SCD", PAIRED: "paired SCD", SIGNED_ONES: "signed SCD", CONTRASTED: "contrast SCD"}
-SCD_NOTE = (
-    "SCD: sign-compliant and arrived, %, macro mean over types. Paired: both halves passed; signed, "
-    "contrast: each half by itself, by the pair's type; signed SCD also counts scenes without a pair"
-)

@@ -30,8 +30,9 @@ from tsbench.metrics.intervals import (
     share_interval,
     sums_by_cluster,
 )
-from tsbench.metrics.metric import SCD, Metric
+from tsbench.metrics.metric import Metric
 from tsbench.metrics.records import Records, split_records
+from tsbench.metrics.scd import SCD
 
 ALPHA = 1 - LEVEL
 POWER = 0.8

@@ -15,7 +15,7 @@ from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.episode_metrics import METRICS
-from tsbench.metrics.metric import CONTRASTED, PAIRED, SCD, SQUARED, scd_of_both
+from tsbench.metrics.scd import CONTRASTED, PAIRED, SCD, SQUARED, scd_of_both
 from tsbench.scenarios.spec import CONTRAST, HALVES, SECOND_PAIR, pair_type
 from tsbench.signs.model import GROUPS
 

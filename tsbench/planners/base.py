@@ -1,15 +1,16 @@
-"""The planner contract: what a planner is, sees, is told and gives back, and how that is read. Units: m, s, m/s, rad.
+"""The planner contract: what a planner is, is told and gives back, and how that is read. Units: m, s, m/s, rad.
+
+What it sees: `tsbench.planners.observation`.
 
 A planner is a class with `reset(context)` and `act(observation) -> Control | Trajectory`, or a function
-`observation -> Control`. The runner times it; nothing in here is written to by a planner. Observations are made by
-`tsbench.episode.observer`; the ego, road users, the route and obstacles in them are those of `tsbench.sim`.
+`observation -> Control`. The runner times it; nothing in here is written to by a planner.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy.typing as npt
 
 from tsbench.core.errors import InputError, PlannerOutputError, cause_of
 from tsbench.geometry.polyline import Array
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import Destination, MapGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.planner_map import PlannerMap
@@ -24,72 +26,6 @@ from tsbench.roads.road_map import RoadMap
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog, RuleSpec
 from tsbench.sim.ego import MAX_TRAJECTORY_POSES, Motion, check_trajectory, track
-from tsbench.sim.navigation import RouteView
-from tsbench.sim.scene import Obstacle
-from tsbench.sim.world import Agents, EgoState, WorldSnapshot
-
-
-@dataclass(frozen=True, slots=True)
-class SignView:
-    """A sign as a planner sees it. With masked signs it is `masked`: an anonymous object.
-
-    code: of the catalogue, "" where the ego has seen its back only (`from_behind`). value: the number that it sets
-    (km/h), None where it sets none. x, y: where the post stands. heading: direction of travel of the traffic that it
-    faces. edge, lane (order, -1 = all lanes) and position_m: whose traffic it addresses, and how far along its edge it
-    stands. distance: m from the ego's centre in a straight line. outline: the plate's shape, from the front and from
-    behind: octagon, inverted_triangle, diamond, triangle, circle or rectangle. main_road: the plate 8.13 beneath it:
-    the two directions in which the main road leads from the junction, rad to the left of straight on, the approach
-    itself at pi; () where none hangs there.
-    """
-
-    code: str
-    value: float | None
-    x: float
-    y: float
-    heading: float
-    edge: str
-    lane: int
-    position_m: float
-    distance: float
-    outline: str = ""
-    main_road: tuple[float, ...] = ()
-
-    def masked(self) -> SignView:
-        """What is left of it where identity is hidden: where it stands, and which way it faces."""
-        return replace(self.from_behind(), edge="", position_m=math.nan, outline="")
-
-    def from_behind(self) -> SignView:
-        """What is seen of it from behind: where it stands, which way it faces, and its outline."""
-        return replace(self, code="", value=None, lane=-1, main_road=())
-
-
-@dataclass(frozen=True, slots=True)
-class Observation:
-    """Everything that a planner may see at one tick. Lanes and edges are those of the map.
-
-    ego: own state; history: (h, 4) x, y, heading, speed of the ego's centre at the last ticks, oldest first, the
-    present last: one row at the first tick, 20 from the twentieth on.
-    route: navigation path and the ego's place on it. actors: road users within range. signs: plates within range,
-    nearest first. obstacles: fixed things within range. truth: the world as it is, for experts only, else None.
-    """
-
-    step: int
-    time: float
-    ego: EgoState
-    history: Array
-    route: RouteView
-    actors: Agents
-    signs: tuple[SignView, ...]
-    obstacles: tuple[Obstacle, ...]
-    truth: WorldSnapshot | None = None
-
-
-def true_world(observation: Observation) -> WorldSnapshot:
-    """The world as experts see it. Raises InputError for other planners."""
-    if observation.truth is None:
-        raise InputError("Observation.truth is for planners with privileged = True")
-    return observation.truth
-
 
 Command = tuple[float, float]
 Plan = npt.NDArray[np.float32]

@@ -18,7 +18,8 @@ import numpy as np
 
 from tsbench.geometry.elementary import arctan2, wrap
 from tsbench.geometry.polyline import Array, Polyline
-from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.base import PlannerContext
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import MapLane, RoadMap
 from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_DECEL_MPS2, MAX_SPEED_MPS, MAX_STEER_RAD, MAX_STEER_RATE_RAD_S

@@ -13,9 +13,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.base import Control, PlannerContext
 from tsbench.planners.geometry import HALF_LENGTH_M, PathSamples, moving_ahead, obstacle_ahead, speed_at, speed_profile
 from tsbench.planners.lane_change import LaneChanges, follow
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.sim.nuplan import quantile_speed
 from tsbench.sim.scene import Obstacle

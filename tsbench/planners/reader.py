@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import ClassVar
 
 from tsbench.core.errors import InputError
-from tsbench.planners.base import Control, Observation, PlannerContext, Privilege
+from tsbench.planners.base import Control, PlannerContext, Privilege
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequirement, ObservedVehicle
 from tsbench.planners.experts.rules.constraint import slow_to
@@ -26,6 +26,7 @@ from tsbench.planners.experts.rules.gap_acceptance import COURTESY, RightOfWay
 from tsbench.planners.floor.guess import Blind
 from tsbench.planners.helpers import identified, sign_ahead
 from tsbench.planners.idm import Idm, IdmParameters
+from tsbench.planners.observation import Observation
 
 # Told places are off by a few metres along the road; only targets stand nearer to each other.
 _SAME_POST_M = 4.0

@@ -17,7 +17,8 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import cast
 
 from tsbench.core.errors import InputError
-from tsbench.planners.base import Batched, Control, Infer, Observation, Planner, PlannerContext, Trajectory
+from tsbench.planners.base import Batched, Control, Infer, Planner, PlannerContext, Trajectory
+from tsbench.planners.observation import Observation
 from tsbench.planners.planner_spec import EXPERT, NUPLAN, PlannerSpec, import_attribute, parts_of
 
 GROUP = "tsbench.planners"

@@ -19,8 +19,8 @@ from tsbench.episode.perception_level import EXACTLY
 from tsbench.metrics.aggregate import name_holes
 from tsbench.metrics.breakdown import Scores
 from tsbench.metrics.episode_metrics import METRICS
-from tsbench.metrics.metric import NAMES, SCD_NOTE
 from tsbench.metrics.paired_differences import Comparison, Difference, Flip, compare, shared_scenarios
+from tsbench.metrics.scd import NAMES, SCD_NOTE
 from tsbench.report.analyses.analysis import ALL, Analysis, Column, Kind, Row, Table, Value, print_analysis
 from tsbench.report.analyses.columns import READINGS_NOTE, difference_columns, difference_rows
 from tsbench.run.log.manifest import NAME, city_of, marks_of, plain_perception, planners_of

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from tsbench.metrics.breakdown import StrictAndCompleted
-from tsbench.metrics.metric import NAMES
 from tsbench.metrics.paired_differences import Difference
+from tsbench.metrics.scd import NAMES
 from tsbench.report.charts import GREY, GROUP_COLOURS, INK, PALE, save_chart
 from tsbench.report.compare_runs import Matched
 

@@ -22,7 +22,7 @@ from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import StrictAndCompleted
 from tsbench.metrics.intervals import Estimate
-from tsbench.metrics.metric import EVERY_PART, NAMES
+from tsbench.metrics.scd import EVERY_PART, NAMES
 from tsbench.report.analyses.analysis import ALL, DASH
 from tsbench.report.analyses.columns import panels_of, present_panels
 from tsbench.report.wording import readable, sign_words

@@ -10,7 +10,7 @@ from learned_scenes import record
 
 from tsbench.episode.outcome import Outcome
 from tsbench.learn.envs.reward import RewardSpec, RouteReward
-from tsbench.planners.base import Observation
+from tsbench.planners.observation import Observation
 
 SPEC = RewardSpec()
 

@@ -32,7 +32,7 @@ from tsbench.learn.envs.seen_tables import (
     scene_columns,
     sign_codes,
 )
-from tsbench.planners.base import SignView
+from tsbench.planners.observation import SignView
 from tsbench.report.analyses.pages import refresh
 from tsbench.signs.model import OUTLINES, Group
 

@@ -22,7 +22,7 @@ from tsbench.learn.oracle.trajectories import fingerprints
 from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.plant2_planner import Plant2Ft
 from tsbench.learn.plant2.sign_tokens import vocabulary_of
-from tsbench.metrics.metric import is_scd
+from tsbench.metrics.scd import is_scd
 from tsbench.planners.base import PlannerContext
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import CONTRAST, HALVES, ScenarioSpec

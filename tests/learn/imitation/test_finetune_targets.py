@@ -12,7 +12,7 @@ from tsbench.episode.outcome import EpisodeFacts
 from tsbench.geometry.polyline import Polyline
 from tsbench.learn.imitation.frames import DriveResult
 from tsbench.learn.imitation.targets import FAMILIES, SIGN_FRAME, TARGET_SPECS, FinetuneSampling, SignTargets
-from tsbench.planners.base import Observation
+from tsbench.planners.observation import Observation
 from tsbench.scenarios.scene_loader import Roads
 from tsbench.signs.catalog import load_catalog
 

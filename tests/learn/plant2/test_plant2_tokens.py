@@ -15,7 +15,7 @@ from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.plant2_planner import RouteAlternatives, SignTokeniser
 from tsbench.learn.plant2.sign_tokens import READER, SignMemory, _Held, fill_signs, vocabulary_of, vocabulary_of_catalog
 from tsbench.learn.plant2.tokens import Tokeniser
-from tsbench.planners.base import Observation, SignView
+from tsbench.planners.observation import Observation, SignView
 from tsbench.planners.weights import load_weights, save_weights
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import EGO_LENGTH_M, Agents

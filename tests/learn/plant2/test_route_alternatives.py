@@ -12,7 +12,7 @@ from planner_loop import load
 
 from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.plant2_planner import RouteAlternatives
-from tsbench.planners.base import Observation
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import Destination, LaneGraph, MapGraph
 from tsbench.sim.navigation import Navigator
 

@@ -31,7 +31,7 @@ from tsbench.make.scenes import map_scenarios as site_module
 from tsbench.make.scenes.map_scenarios import MapScenarios, SiteBuilder
 from tsbench.make.scenes.recipe import Recipe, Variant, load_recipe, variants_of
 from tsbench.make.scenes.verify import lint_scene
-from tsbench.metrics.metric import is_scd
+from tsbench.metrics.scd import is_scd
 from tsbench.planners.registry import resolve
 from tsbench.report.drawing.canvas import STYLE
 from tsbench.report.drawing.scene_shapes import staged_bodies

@@ -13,7 +13,7 @@ import run_builders
 from tsbench.core.errors import InputError
 from tsbench.episode.perception import SignDetection
 from tsbench.episode.trace import Trace
-from tsbench.metrics.metric import PAIRED
+from tsbench.metrics.scd import PAIRED
 from tsbench.report.analyses.analysis import Value
 from tsbench.report.analyses.failures import cause_of_failure, failures
 from tsbench.report.analyses.paired_runs import perception

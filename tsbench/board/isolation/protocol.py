@@ -16,7 +16,7 @@ import numpy as np
 
 from tsbench.core.text import one_line
 from tsbench.geometry.polyline import Array, Polyline
-from tsbench.planners.base import SignView
+from tsbench.planners.observation import SignView
 from tsbench.roads.lane_graph import Destination, RoutePath
 from tsbench.roads.network import Connection, Edge, Junction, Lane
 from tsbench.roads.road_map import Crossing, MapConnection, MapEdge, MapJunction, MapLane

@@ -9,8 +9,8 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 from tsbench.bridges.nuplan import nuplan_map, states
-from tsbench.planners.base import Observation
 from tsbench.planners.geometry import EGO
+from tsbench.planners.observation import Observation
 from tsbench.planners.planner_spec import import_attribute
 from tsbench.sim.world import ActorKind, EgoState
 

@@ -30,9 +30,11 @@ from tsbench.episode.perception_level import EXACT, Perception, load_level
 from tsbench.learn.envs.reward import SIGNS, RewardSpec, RouteReward
 from tsbench.learn.envs.seen_tables import KINDS
 from tsbench.learn.rl.actions import EXIT, PLAIN, ExitAction
-from tsbench.metrics.metric import is_scd, route_completion
+from tsbench.metrics.metric import route_completion
+from tsbench.metrics.scd import is_scd
 from tsbench.metrics.tracks import tracks_of
-from tsbench.planners.base import Control, Observation
+from tsbench.planners.base import Control
+from tsbench.planners.observation import Observation
 from tsbench.run.arguments import switch, text, type_words, whole_number
 from tsbench.run.options import BOTH, VARIANTS, keywords
 from tsbench.run.plan import choose_half, choose_types, choose_variants

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 from tsbench.episode.outcome import Outcome
 from tsbench.learn.shared_inputs import RouteSpeed
-from tsbench.planners.base import Observation
 from tsbench.planners.helpers import RoadAhead
+from tsbench.planners.observation import Observation
 
 
 @dataclass(frozen=True, slots=True)

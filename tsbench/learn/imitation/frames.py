@@ -23,7 +23,7 @@ from tsbench.geometry.polyline import Array
 from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.plant2_planner import SignTokeniser
 from tsbench.learn.plant2.tokens import Pose, Tokeniser, to_frame
-from tsbench.planners.base import Observation
+from tsbench.planners.observation import Observation
 from tsbench.planners.registry import resolve
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import Roads, SceneLoader

@@ -39,9 +39,10 @@ from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.plant2_planner import Plant2Ft, RouteAlternatives, SignTokeniser
 from tsbench.learn.plant2.sign_tokens import STOPPED_MPS, Vocabulary
 from tsbench.learn.plant2.tokens import Pose
-from tsbench.metrics.metric import is_scd
-from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
+from tsbench.metrics.scd import is_scd
+from tsbench.planners.base import Control, Planner, PlannerContext, Trajectory
 from tsbench.planners.geometry import HALF_LENGTH_M, PathSamples, moving_ahead, obstacle_ahead
+from tsbench.planners.observation import Observation
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 from tsbench.learn.plant2.plant2_planner import Plant2Ft, StopPolicy
 from tsbench.learn.plant2.sign_tokens import SignMemory
-from tsbench.planners.base import Observation
+from tsbench.planners.observation import Observation
 
 
 class SecondSeed(Plant2Ft):

@@ -19,8 +19,8 @@ from pathlib import Path
 from tsbench.core.errors import InputError
 from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.tokens import Pose
-from tsbench.planners.base import Observation, SignView
 from tsbench.planners.helpers import identified
+from tsbench.planners.observation import Observation, SignView
 from tsbench.planners.weights import load_metadata
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import RoadMap

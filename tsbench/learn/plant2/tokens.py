@@ -19,7 +19,7 @@ import numpy.typing as npt
 from tsbench.core.errors import InputError
 from tsbench.geometry.polyline import Array, Polyline
 from tsbench.learn.shared_inputs import Image, cut, pack, repack
-from tsbench.planners.base import Observation
+from tsbench.planners.observation import Observation
 from tsbench.planners.weights import Network
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import RoadMap

@@ -41,7 +41,8 @@ from tsbench.learn.shared_inputs import (
     pack,
     repack,
 )
-from tsbench.planners.base import Infer, Observation, PlannerContext, Records
+from tsbench.planners.base import Infer, PlannerContext, Records
+from tsbench.planners.observation import Observation
 from tsbench.planners.weights import fitted
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import RoadMap

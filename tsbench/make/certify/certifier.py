@@ -39,7 +39,7 @@ from tsbench.make.certify.evidence import (
     overlapping_pairs,
     road_users,
 )
-from tsbench.metrics.metric import is_scd
+from tsbench.metrics.scd import is_scd
 from tsbench.planners.base import Control, Trajectory
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run.edition import SCORING, code_hash

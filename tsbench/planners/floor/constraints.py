@@ -11,12 +11,13 @@ import math
 
 import numpy as np
 
-from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.base import PlannerContext
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
 from tsbench.planners.experts.rules.obstacle_pass import shifted
 from tsbench.planners.experts.rules.speed_constraint import KMH
 from tsbench.planners.geometry import HALF_LENGTH_M, PathSamples, moving_ahead
 from tsbench.planners.lane_change import gap_free
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import MapLane
 from tsbench.sim.navigation import RouteView

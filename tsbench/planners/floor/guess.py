@@ -20,7 +20,7 @@ from functools import cache
 from pathlib import Path
 
 from tsbench.core.seeds import rng_of
-from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.base import Control, PlannerContext
 from tsbench.planners.experts.rules.constraint import RuleConstraint
 from tsbench.planners.experts.rules.manoeuvre_constraint import Without, u_turns
 from tsbench.planners.experts.rules.obstacle_pass import ObstaclePass
@@ -38,6 +38,7 @@ from tsbench.planners.floor.constraints import (
 from tsbench.planners.geometry import HALF_LENGTH_M, PathSamples, obstacle_ahead
 from tsbench.planners.helpers import sign_ahead
 from tsbench.planners.idm import Idm
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import RoutePath, Turn
 from tsbench.roads.road_map import RoadMap
 from tsbench.sim.navigation import Navigator, RouteView

@@ -15,9 +15,9 @@ from typing import TypeVar
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import COMPLETED, STRICT, Counted, StrictAndCompleted
 from tsbench.metrics.intervals import Estimate
-from tsbench.metrics.metric import EVERY_PART, SIGNED_ONES
 from tsbench.metrics.paired_differences import Difference
 from tsbench.metrics.records import group_rank
+from tsbench.metrics.scd import EVERY_PART, SIGNED_ONES
 from tsbench.planners.planner_spec import EXPERT
 from tsbench.report.analyses.analysis import ALL, Cell, Column, Kind, Row, Value
 from tsbench.run.edition import editions

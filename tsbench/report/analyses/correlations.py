@@ -18,8 +18,8 @@ from tsbench.core.errors import InputError
 from tsbench.metrics.breakdown import COMPLETED, STRICT
 from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.intervals import LEVEL
-from tsbench.metrics.metric import NAMES, SIGNED_ONES
 from tsbench.metrics.records import Records
+from tsbench.metrics.scd import NAMES, SIGNED_ONES
 from tsbench.report.analyses.analysis import ALL, Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.columns import (
     is_whole,

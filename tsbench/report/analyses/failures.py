@@ -19,8 +19,8 @@ from tsbench.episode.perception import FALSE, MISREAD, OUTLINE, RIGHT
 from tsbench.episode.trace import Trace, read_trace, trace_path
 from tsbench.metrics.breakdown import COMPLETED, STRICT, Mask, panel_label
 from tsbench.metrics.intervals import ClusterBootstrap, Estimate, sums_by_cluster
-from tsbench.metrics.metric import HALF_OF
 from tsbench.metrics.records import Records
+from tsbench.metrics.scd import HALF_OF
 from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.columns import INTERVAL_NOTE, READINGS_NOTE, present_panels, text_columns
 from tsbench.report.analyses.run_pool import RunPool

@@ -29,7 +29,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.text import csv_text
 from tsbench.metrics.episode_metrics import EPISODE_METRICS
-from tsbench.metrics.metric import NAMES
+from tsbench.metrics.scd import NAMES
 from tsbench.report.analyses.analysis import markdown_row
 from tsbench.signs.model import GROUPS
 

@@ -17,8 +17,8 @@ from tsbench.core.errors import InputError
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import STRICT
 from tsbench.metrics.episode_metrics import METRICS
-from tsbench.metrics.metric import NAMES, PARTS, SCD_NOTE
 from tsbench.metrics.paired_differences import Comparison, compare, shared_scenarios
+from tsbench.metrics.scd import NAMES, PARTS, SCD_NOTE
 from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.columns import (
     INTERVAL_NOTE,

@@ -18,7 +18,7 @@ from tsbench.metrics.aggregate import PlannerSummary, Summary
 from tsbench.metrics.breakdown import COMPLETED, STRICT, StrictAndCompleted
 from tsbench.metrics.episode_metrics import METRICS
 from tsbench.metrics.intervals import Estimate
-from tsbench.metrics.metric import NAMES, PARTS, SCD_NOTE, SIGNED_ONES
+from tsbench.metrics.scd import NAMES, PARTS, SCD_NOTE, SIGNED_ONES
 from tsbench.report.analyses.analysis import ALL, DASH, Analysis, Cell, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.columns import (
     INTERVAL_NOTE,

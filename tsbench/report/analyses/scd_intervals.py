@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import STRICT
 from tsbench.metrics.intervals import MIN_CLUSTERS
-from tsbench.metrics.metric import NAMES, SCD_NOTE, SIGNED_ONES
+from tsbench.metrics.scd import NAMES, SCD_NOTE, SIGNED_ONES
 from tsbench.report.analyses.analysis import ALL, Analysis, Column, Row, Table, Value
 from tsbench.report.analyses.columns import (
     NOTE,

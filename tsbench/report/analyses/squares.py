@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tsbench.core.errors import InputError
 from tsbench.metrics.breakdown import STRICT
-from tsbench.metrics.metric import NAMES, SQUARED
+from tsbench.metrics.scd import NAMES, SQUARED
 from tsbench.report.analyses.analysis import Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.columns import INTERVAL_NOTE, pick, text_columns
 from tsbench.report.analyses.run_pool import RunPool, read_pool

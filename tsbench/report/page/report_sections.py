@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
-from tsbench.metrics.metric import HALF_OF, NAMES
 from tsbench.metrics.paired_differences import compare, shared_scenarios
+from tsbench.metrics.scd import HALF_OF, NAMES
 from tsbench.report.analyses.analysis import ALL, Analysis, Cell, Column, Kind, Row, Table, Value, lines_of
 from tsbench.report.analyses.columns import difference_columns, difference_rows, panels_of, text_columns
 from tsbench.report.analyses.run_analyses import OF_POOL

@@ -10,7 +10,7 @@ import numpy as np
 from tsbench.core.text import one_line
 from tsbench.episode.outcome import EpisodeFacts, EpisodeResult, Outcome
 from tsbench.metrics.episode_metrics import EPISODE_METRICS, episode_metrics
-from tsbench.metrics.metric import SCD
+from tsbench.metrics.scd import SCD
 from tsbench.rules.monitor import Violation
 from tsbench.scenarios.spec import ScenarioSpec
 

@@ -8,7 +8,7 @@ import pyarrow as pa
 
 from tsbench.core.parquet import columns
 from tsbench.metrics.episode_metrics import EPISODE_METRICS
-from tsbench.metrics.metric import SCD
+from tsbench.metrics.scd import SCD
 from tsbench.scenarios.spec import SIGNED
 
 SCHEMA_VERSION = 1

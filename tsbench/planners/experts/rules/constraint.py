@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Set as AbstractSet
 
-from tsbench.planners.base import Observation
+from tsbench.planners.observation import Observation
 from tsbench.sim.navigation import RouteView
 
 FREE = (-math.inf, math.inf)

@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.base import PlannerContext, Privilege
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
 from tsbench.planners.geometry import HALF_LENGTH_M, PathSamples, moving_ahead
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.rule_kinds import CrosswalkParams

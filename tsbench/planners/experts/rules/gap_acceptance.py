@@ -11,7 +11,7 @@ from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 
 from tsbench.geometry.overlap import ConflictZone
-from tsbench.planners.base import Observation, Privilege, true_world
+from tsbench.planners.base import Privilege
 from tsbench.planners.experts.rules.conflict_check import (
     CrossingPlan,
     GapRequirement,
@@ -23,6 +23,7 @@ from tsbench.planners.experts.rules.conflict_check import (
 from tsbench.planners.experts.rules.constraint import FREE, slow_to
 from tsbench.planners.geometry import HALF_LENGTH_M, PathSamples, first_contact, moving_ahead, speed_at, speed_profile
 from tsbench.planners.idm import IdmParameters, free_road
+from tsbench.planners.observation import Observation, true_world
 from tsbench.roads.junction_paths import JunctionPath
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.planner_map import PlannerMap

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.base import PlannerContext, Privilege
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
 from tsbench.planners.geometry import HALF_LENGTH_M
 from tsbench.planners.lane_change import gap_free
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import MapGraph, RoutePath
 from tsbench.roads.road_map import MapLane
 from tsbench.signs.annotations import SignInstance
