@@ -11,8 +11,8 @@ import math
 import numpy as np
 
 from tsbench import Control, Observation, PlannerContext
+from tsbench.planners.floor.constraints import Polite
 from tsbench.planners.floor.guess import masked
-from tsbench.planners.floor.polite import Polite
 from tsbench.planners.geometry import HALF_LENGTH_M
 from tsbench.planners.idm import Idm
 from tsbench.rules.open_speed import at_metre, bend_speeds

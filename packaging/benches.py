@@ -25,7 +25,7 @@ from tsbench.cli.network_arithmetic import NETWORKS, batched, questions
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.envs import DRIVE
 from tsbench.learn.envs.drive_env import drive_in_processes
-from tsbench.planners.batching import Infer, Records
+from tsbench.planners.base import Infer, Records
 from tsbench.planners.planner_spec import PlannerSpec
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run.check_planner import choose

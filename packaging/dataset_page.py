@@ -16,8 +16,7 @@ import click
 from tsbench.cli.console import bars
 from tsbench.core.files import write_atomic
 from tsbench.make.city import load_city
-from tsbench.make.dataset_tables import dataset_tables, percent
-from tsbench.make.scenes.overview import build_report, report_file, type_stats
+from tsbench.make.scenes.overview import build_report, dataset_tables, percent, report_file, type_stats
 from tsbench.make.scenes.recipe import load_recipes, stratum_of
 from tsbench.make.scenes.split import split_pool
 from tsbench.report.analyses.analysis import Analysis, Column, Kind, Row, Table, to_csv, to_markdown

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from tsbench.core.errors import cause_in_planner
-from tsbench.planners.loading import import_attribute
+from tsbench.planners.planner_spec import import_attribute
 
 PLANNER = """
 import json

@@ -13,8 +13,9 @@ import pytest
 
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.geometry.polyline import Polyline
-from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.base import Control, PlannerContext
 from tsbench.planners.lane_change import pursue_route
+from tsbench.planners.observation import Observation
 from tsbench.planners.registry import resolve
 from tsbench.scenarios.data_set import DataSet
 

@@ -11,7 +11,8 @@ from simworld import simulation
 
 from tsbench.episode.episode import Episode
 from tsbench.episode.traffic_view import blind_bytes
-from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.base import PlannerContext
+from tsbench.planners.observation import Observation
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec

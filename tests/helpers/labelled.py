@@ -41,7 +41,7 @@ from tsbench.rules.monitors import make_monitors
 from tsbench.signs.annotations import ALL_LANES, SignInstance, plate_params
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import CLAUSES, ContrastClause
-from tsbench.signs.plate_params import read_params
+from tsbench.signs.rule_kinds import read_params
 from tsbench.sim.scene import EgoStart, Obstacle, Scene, SceneFile
 from tsbench.sim.world import DT_S, ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
 

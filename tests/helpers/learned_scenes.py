@@ -12,8 +12,9 @@ from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.oracle.trajectories import QuantisedPlanner, Recorded, fingerprints, steps_of
 from tsbench.learn.rl.ppo_planner import SIZE
-from tsbench.planners.base import Control, Observation, PlannerContext, SignView
+from tsbench.planners.base import Control, PlannerContext
 from tsbench.planners.lane_change import pursue_route
+from tsbench.planners.observation import Observation, SignView
 from tsbench.planners.registry import resolve
 from tsbench.planners.weights import Tensors, save_weights
 from tsbench.roads.lane_graph import Destination

@@ -13,7 +13,8 @@ from tsbench.episode.observer import ego_on_map
 from tsbench.episode.traffic_view import TrafficView
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.geometry.polyline import Polyline
-from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, SignView
+from tsbench.planners.base import Control, Planner, PlannerContext, Privilege
+from tsbench.planners.observation import Observation, SignView
 from tsbench.roads.lane_graph import Destination, LaneGraph
 from tsbench.roads.localization import LaneLocator
 from tsbench.roads.network import RoadNetwork, read_network

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from patience import HANG_S
 
-from tsbench.learn.learning_curve import read_rows
+from tsbench.learn.training_folder import read_rows
 from tsbench.planners.weights import load_weights, network
 
 COMMAND = (sys.executable, "-c", "from tsbench.cli import main; main()", "train")
@@ -65,7 +65,7 @@ def test_imitation_comes_to_the_weights_of_an_undisturbed_one(tmp_path: Path) ->
 @pytest.mark.slow
 @pytest.mark.parametrize("program", ["/somewhere/bin/tsbench", "/somewhere/tsbench/__main__.py"])
 def test_a_command_is_the_same_however_tsbench_was_started(program: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tsbench.learn.checkpoint import command_line  # brings torch
+    from tsbench.learn.training_folder import command_line  # brings torch
 
     monkeypatch.setattr(sys, "argv", [program, "train", "plant2", "--seed", "1"])
     assert command_line() == "tsbench train plant2 --seed 1"

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 from scripts import load_script
 
-from tsbench.make.dataset_tables import dataset_tables
-from tsbench.make.scenes.overview import TypeStats
+from tsbench.make.scenes.overview import TypeStats, dataset_tables
 from tsbench.report.analyses.analysis import Analysis
 from tsbench.scenarios.spec import ScenarioSpec
 

@@ -13,8 +13,9 @@ import numpy as np
 from simworld import simulation
 
 from tsbench.episode.episode import Episode
-from tsbench.planners.base import Control, Observation, PlannerContext, Privilege, Trajectory
+from tsbench.planners.base import Control, PlannerContext, Privilege, Trajectory
 from tsbench.planners.idm import Idm
+from tsbench.planners.observation import Observation
 from tsbench.scenarios.data_set import DataSet
 from tsbench.sim.world import ActorKind, Indicator, WorldSnapshot
 

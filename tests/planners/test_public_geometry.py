@@ -10,7 +10,8 @@ import pytest
 from planner_loop import Body, World, constant, load
 
 import tsbench
-from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.base import PlannerContext
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.road_map import MapLane
 from tsbench.sim.ego import Motion, advance

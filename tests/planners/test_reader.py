@@ -1,16 +1,21 @@
-"""`reader` and `careful`: they obey what they were told, as what they were told it."""
+"""`reader` and `careful` obey what they were told, as what they were told it; lawful styles drive in their manner."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import pytest
+from planner_loop import KMH, Body, World, constant, front_of, ids, load, target_plate, verdict
 
 from tsbench.episode.perception_level import EXACTLY, Perception, load_level
 from tsbench.episode.runner import EpisodeRunner
+from tsbench.planners.observation import SignView
+from tsbench.planners.reader import Assertive, Cautious, Elderly, LegalStyle, Reader
 from tsbench.planners.registry import resolve
+from tsbench.roads.lane_graph import Destination
 from tsbench.run.log.record import make_record
 from tsbench.scenarios.data_set import DataSet
+from tsbench.sim.world import DT_S, EGO_LENGTH_M
 
 READER, CAREFUL = (f"tsbench.planners.reader:{name}" for name in ("Reader", "Careful"))
 
@@ -58,3 +63,83 @@ def test_one_sign_of_two_is_half_of_a_square(name: str, rows_passed: int, type_i
     found = [make_record(runner.run(row), privileged=True).row["scd"] for row in rows]
     runner.close()
     assert sum(found) == rows_passed
+
+
+STYLES = (Cautious, Elderly, Assertive)
+TYPES = ("speed_limit", "min_speed", "yield", "stop", "crosswalk", "direction_right")
+_LINE_M = 200.0
+
+
+def _zone(planner: Reader, plate_kmh: float) -> World:
+    """Along a road with a limit plate at `_LINE_M`."""
+    network = load("long")
+    plate = SignView("3.24", plate_kmh, 0.0, 0.0, 0.0, "ab", -1, _LINE_M, 10.0)
+    return World(
+        network, "ab_0", 20.0, 8.0, Destination("ab", 400.0), signs=(plate,),
+        target=target_plate("3.24", "ab", plate_kmh, _LINE_M, zone_edges="ab"),
+    ).run(planner, 120.0)  # fmt: skip
+
+
+@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("plate_kmh", [20.0, 40.0, 90.0])
+def test_keeps_to_its_share_of_the_limit_that_binds(style: type[LegalStyle], plate_kmh: float) -> None:
+    world = _zone(style(), plate_kmh)
+    road_kmh = world.network.lane("ab_0").speed * KMH
+    before = max(e.speed for e in world.states if front_of(e) < _LINE_M - 60.0) * KMH
+    inside = max(e.speed for e in world.states if front_of(e) > _LINE_M + 100.0) * KMH
+    assert world.arrived
+    assert verdict(world).compliant
+    assert before <= style.share * road_kmh + 0.5
+    assert inside == pytest.approx(style.share * min(plate_kmh, road_kmh), abs=1.5)
+
+
+def _cross(planner: Reader, arrives_s: float, speed: float = 8.0) -> World:
+    """From the south over a main road, on which one vehicle comes."""
+    network = load("cross")
+    lane, main = network.lane("sc_0").line.length, network.lane("wc_0").line.length
+    body = Body("other", tuple(ids(network, "wc", "ce")), main - speed * arrives_s, constant(speed), ("wc", "ce"))
+    plate = SignView("2.4", None, 0.0, 0.0, 0.0, "sc", -1, lane - 3.0, 10.0)
+    return World(
+        network, "sc_0", lane - 40.0, 8.0, Destination("cn", 60.0), bodies=[body], signs=(plate,),
+        target=target_plate("2.4", "sc", junction="c", approach="sc", main_in="wc ec"),
+    ).run(planner, 60.0)  # fmt: skip
+
+
+def _entered_s(world: World) -> float:
+    length = world.network.lane("sc_0").line.length
+    line = world.network.lane("sc_0").line
+    gone = (line.project(e.x, e.y)[0] + EGO_LENGTH_M / 2 for e in world.states)
+    return DT_S * next(k for k, s in enumerate(gone) if s >= length)
+
+
+def test_only_the_elderly_driver_waits_for_a_wide_gap() -> None:
+    # The others are at the line after 5 s, and six seconds remain.
+    arrives = 11.0
+    for style in (Reader, Cautious, Assertive):
+        assert _entered_s(_cross(style(), arrives)) < arrives - 4.0
+    late = _cross(Elderly(), arrives)
+    assert _entered_s(late) > arrives
+    assert late.arrived
+    assert verdict(late).compliant
+
+
+def test_the_elderly_driver_starts_late_and_gently() -> None:
+    def after_standing(planner: Reader) -> list[float]:
+        states = _cross(planner, 6.0, 5.0).states
+        stood = max(k for k, e in enumerate(states) if e.speed < 0.05)
+        return [e.speed for e in states[stood : stood + 30]]
+
+    gentle = after_standing(Elderly())
+    assert gentle[-1] <= 3.0 * Elderly.start_mps2 + 0.1
+    assert after_standing(Reader())[-1] > 1.2 * gentle[-1]
+
+
+@pytest.mark.parametrize("style", STYLES)
+def test_passes_both_halves_of_nominal_pairs(style: type[LegalStyle]) -> None:
+    nominal = [r for r in DataSet().table("dev") if r.pair_type in TYPES and not r.variant]
+    rows = [r for kind in TYPES for r in [r for r in nominal if r.pair_type == kind][:2]]
+    runner = EpisodeRunner(resolve(f"{style.__module__}:{style.__name__}"))
+    records = [make_record(runner.run(row), privileged=True) for row in rows]
+    runner.close()
+    assert len(records) == 2 * len(TYPES)
+    assert all(record.row["scd"] for record in records)

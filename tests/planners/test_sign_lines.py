@@ -12,9 +12,10 @@ from simworld import simulation
 
 from tsbench.episode.episode import Episode
 from tsbench.episode.perception_level import Perception
-from tsbench.planners.base import Observation, PlannerContext, SignView
+from tsbench.planners.base import PlannerContext
 from tsbench.planners.helpers import line_ahead, sign_ahead
 from tsbench.planners.idm import Idm
+from tsbench.planners.observation import Observation, SignView
 from tsbench.rules.lines import ApproachLine
 from tsbench.rules.monitors import NullMonitor
 from tsbench.scenarios.data_set import DataSet

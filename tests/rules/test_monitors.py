@@ -17,8 +17,7 @@ from tsbench.rules.monitor import Monitor, Verdict
 from tsbench.rules.monitors import MONITORS, make_monitor, make_monitors, verdicts_of_other_half
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.signs.plate_params import read_params
-from tsbench.signs.rule_kinds import RULE_KINDS
+from tsbench.signs.rule_kinds import RULE_KINDS, read_params
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import ActorKind, Actors, ActorTable, EgoState, WorldSnapshot
 

@@ -21,8 +21,8 @@ from tsbench.scenarios.mirror import mirrored_network, mirrored_row
 from tsbench.scenarios.scene_loader import SceneLoader, load_scene
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.plate_params import RoundaboutParams
 from tsbench.signs.plates import plate_rgba
+from tsbench.signs.rule_kinds import RoundaboutParams
 from tsbench.sim.scene import SceneFile
 
 # Two drivers who look at no side: one who obeys, and one whose drives break most rules.

@@ -12,8 +12,7 @@ from lxml import etree
 from tsbench.core.errors import InputError
 from tsbench.signs.annotations import ALL_LANES, ROLES, SignInstance, sign_to_poi, signs_from_additional, sumo_angle
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.plate_params import GiveWayParams, ZoneParams
-from tsbench.signs.rule_kinds import RULE_KINDS
+from tsbench.signs.rule_kinds import RULE_KINDS, GiveWayParams, ZoneParams
 
 CATALOG = load_catalog()
 NAMES = st.text(string.ascii_letters + string.digits + "_-.#:", min_size=1, max_size=12)

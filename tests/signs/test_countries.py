@@ -12,8 +12,7 @@ from tsbench.core.paths import OWN_CITY
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.countries import Artwork, Country, load_countries, load_country, write_csv
-from tsbench.signs.plates import plate_rgba
-from tsbench.signs.sheet import draw_sheet
+from tsbench.signs.plates import draw_sheet, plate_rgba
 
 COUNTRIES, OWN = load_countries(), Artwork(load_catalog())
 

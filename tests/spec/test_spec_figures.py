@@ -12,7 +12,7 @@ from tsbench.make.scenes import traffic
 from tsbench.make.scenes.recipe import load_recipe
 from tsbench.metrics import comfort
 from tsbench.planners import registry
-from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
+from tsbench.planners.idm import IdmS1, IdmS2, IdmS3, IdmS4
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim import ego, nuplan, world
 

@@ -17,8 +17,9 @@ from tsbench.episode.episode import Episode
 from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.perception_level import EXACT, EXACTLY, Perception, load_level
 from tsbench.episode.trace import Trace
-from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
+from tsbench.planners.base import Control, Planner, PlannerContext, Trajectory
 from tsbench.planners.helpers import RoadAhead, line_ahead, sign_ahead
+from tsbench.planners.observation import Observation
 from tsbench.planners.registry import FunctionPlanner, resolve
 from tsbench.report.wording import judged_stretch, readable, sign_name, under_other_sign
 from tsbench.run.log.record import Record, make_record

@@ -30,7 +30,7 @@ from tsbench.episode.perception_level import EXACT, PATH, PerceptionLevel, load_
 from tsbench.metrics.aggregate import summarise
 from tsbench.metrics.episode_metrics import EPISODE_METRICS
 from tsbench.metrics.scd import SCD
-from tsbench.planners.batching import DEVICES
+from tsbench.planners.base import DEVICES
 from tsbench.run.log.record import Row, head_row
 from tsbench.run.log.schema import EPISODES
 from tsbench.run.planner_info import PlannerInfo

@@ -19,7 +19,7 @@ from tsbench.report.drawing.canvas import STYLE
 from tsbench.report.drawing.road_shapes import stop_lines
 from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.plate_params import ReservedLaneParams, ZoneParams
+from tsbench.signs.rule_kinds import ReservedLaneParams, ZoneParams
 from tsbench.sim.main_road import GIVE_WAY, STOP
 from tsbench.sim.scene import Scene
 

@@ -26,7 +26,8 @@ from tsbench.geometry.polyline import Array
 from tsbench.learn.fixed_point import Linear, snap, tanh
 from tsbench.learn.rl.actions import normal_quantile
 from tsbench.learn.rl.ppo_planner import REACH_M, Lidar
-from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.base import Control, PlannerContext
+from tsbench.planners.observation import Observation
 from tsbench.roads.road_map import MapLane, RoadMap
 from tsbench.sim.ego import MAX_STEER_RAD
 from tsbench.sim.world import ActorKind

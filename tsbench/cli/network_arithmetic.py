@@ -20,7 +20,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import write_json
 from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.planners.batching import Batched, Infer, Records
+from tsbench.planners.base import Batched, Infer, Records
 from tsbench.planners.registry import resolve
 from tsbench.run.arithmetic import facts
 from tsbench.run.log.record import make_record

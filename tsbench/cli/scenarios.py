@@ -17,8 +17,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import write_atomic
 from tsbench.make.certify.certifier import draw_sample, recertify
 from tsbench.make.city import sources_dir
-from tsbench.make.dataset_tables import dataset_tables
-from tsbench.make.scenes.overview import build_report, report_file, shown_reason, type_stats
+from tsbench.make.scenes.overview import build_report, dataset_tables, report_file, shown_reason, type_stats
 from tsbench.make.scenes.verify import (
     finding_counts,
     lint_rows,

@@ -42,7 +42,7 @@ def show_sign(code: str, data: DataSet) -> None:
 @options.caption_country
 def draw_sheet(out: Path, data: DataSet, country: Country | None) -> None:
     """Draw all plates by group on one page."""
-    from tsbench.signs.sheet import save_sheet  # Pillow and the renderer only where pictures are drawn
+    from tsbench.signs.plates import save_sheet  # Pillow and the renderer only where pictures are drawn
 
     save_sheet(data.artwork(country), out)
     click.echo(str(out))

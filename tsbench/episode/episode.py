@@ -14,7 +14,8 @@ from tsbench.core.seeds import floor_seed, planner_seed
 from tsbench.episode.observer import Observer, destination_on_map, ego_on_map
 from tsbench.episode.outcome import EpisodeFacts, EpisodeResult, Outcome, Phase, TerminationCheck
 from tsbench.episode.perception_level import EXACTLY, Perception
-from tsbench.planners.base import Control, Observation, Plan, PlannerContext, Privilege, Trajectory, to_command, to_plan
+from tsbench.planners.base import Control, Plan, PlannerContext, Privilege, Trajectory, to_command, to_plan
+from tsbench.planners.observation import Observation
 from tsbench.rules.monitors import make_monitors
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import Roads, SceneLoader

@@ -25,7 +25,8 @@ import numpy.typing as npt
 
 from tsbench.core.frozen import Frozen
 from tsbench.geometry.elementary import RIGHT, STRAIGHT, U_TURN, turn_class
-from tsbench.planners.base import Observation, PlannerContext, SignView
+from tsbench.planners.base import PlannerContext
+from tsbench.planners.observation import Observation, SignView
 from tsbench.roads.lane_graph import heading_change
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.planner_map import PlannerMap

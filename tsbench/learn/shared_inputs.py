@@ -14,8 +14,8 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.geometry.elementary import Array, wrap
+from tsbench.planners.geometry import PathSamples, speed_at, speed_profile
 from tsbench.planners.observation import Observation
-from tsbench.planners.speed_profile import PathSamples, speed_at, speed_profile
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.sim.ego import MAX_DECEL_MPS2, MAX_SPEED_MPS, MAX_STEER_RAD
 from tsbench.sim.navigation import RouteView

@@ -9,15 +9,16 @@ A planner is a class with `reset(context)` and `act(observation) -> Control | Tr
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
 
-from tsbench.core.errors import PlannerOutputError, cause_of
+from tsbench.core.errors import InputError, PlannerOutputError, cause_of
 from tsbench.geometry.polyline import Array
-from tsbench.planners.observation import Observation, SignView, true_world
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import Destination, MapGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.planner_map import PlannerMap
@@ -26,10 +27,6 @@ from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import Catalog, RuleSpec
 from tsbench.sim.ego import MAX_TRAJECTORY_POSES, Motion, check_trajectory, track
 
-__all__ = [
-    "Command", "Control", "Observation", "Plan", "Planner", "PlannerContext", "Privilege", "SignView", "Trajectory",
-    "to_command", "to_plan", "true_world",
-]  # fmt: skip
 Command = tuple[float, float]
 Plan = npt.NDArray[np.float32]
 _FARTHEST_M = 1e6
@@ -190,3 +187,34 @@ def _intent(edges: object, network: RoadMap) -> tuple[str, ...]:
             raise PlannerOutputError(f"intent names edge {edge!r:.80}, which is not in the network")
     # Plain ones of the network's own: what is kept runs no code of the planner.
     return tuple(network.edges[edge].id for edge in edges)
+
+
+DEVICES = ("cpu", "cuda")
+
+Records = npt.NDArray[np.void]
+# (b,) records in, (b,) records out; a row's answer does not depend on the other rows, to the bit.
+Infer = Callable[[Records], Records]
+
+
+@runtime_checkable
+class Batched(Protocol):
+    """What the class of such a planner has besides `reset` and `act`. Its constructor takes `infer`: Infer | None, the
+    network that answers its records; None = its network on the CPU.
+
+    inputs: dtype of the records. served_on: devices that its network runs on besides the CPU.
+    """
+
+    inputs: ClassVar[np.dtype[Any]]
+    served_on: ClassVar[tuple[str, ...]]
+
+    @staticmethod
+    def network(device: str) -> Infer:
+        """Load the network on `cpu` or a device of `served_on`."""
+
+
+def check_device(device: str) -> None:
+    """Raises InputError where torch does not see the device."""
+    import torch
+
+    if device == "cuda" and not torch.cuda.is_available():
+        raise InputError("--device cuda: torch sees no CUDA device here")

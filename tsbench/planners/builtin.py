@@ -10,7 +10,7 @@ THIRD_PARTY, REIMPLEMENTED = "third-party", "reimplemented"
 
 IDM = PlannerEntry("tsbench.planners.idm:Idm", kind="rules", sign_access=False)
 IDM_S1, IDM_S2, IDM_S3, IDM_S4 = (
-    PlannerEntry(f"tsbench.planners.styles:IdmS{style}", kind="rules", sign_access=False) for style in (1, 2, 3, 4)
+    PlannerEntry(f"tsbench.planners.idm:IdmS{style}", kind="rules", sign_access=False) for style in (1, 2, 3, 4)
 )
 PPO = learned("ppo", "tsbench.learn.rl.ppo_planner:Ppo")
 CARL = learned("carl", "tsbench.learn.rl.carl_planner:Carl")
@@ -39,7 +39,7 @@ READER, CAREFUL = (
     PlannerEntry(f"tsbench.planners.reader:{name}", "expert", privileged=True) for name in ("Reader", "Careful")
 )
 CAUTIOUS, ELDERLY, ASSERTIVE = (
-    PlannerEntry(f"tsbench.planners.styles:{name}", "expert", privileged=True)
+    PlannerEntry(f"tsbench.planners.reader:{name}", "expert", privileged=True)
     for name in ("Cautious", "Elderly", "Assertive")
 )
 

@@ -37,21 +37,16 @@ def check_statically(loaded: LoadedPlanner) -> list[Finding]:
     except Exception as error:
         return [Finding(Level.PROBLEM, "start", f"cannot be made: {type(error).__name__}: {error}")]
     seconds = time.perf_counter() - start
-    found = [_start(seconds), _contract(planner)]
+    level = Level.NOTE if seconds > _SLOW_START_S else Level.OK
+    kind = "a function" if isinstance(planner, FunctionPlanner) else "a class with reset and act"
+    found = [
+        Finding(level, "start", f"made in {seconds:.2f} s; every worker of a run makes its own"),
+        Finding(Level.OK, "contract", f"is {kind}"),
+    ]
     if loaded.privileged:
         text = "asks for the target rule (privileged = True): its results are flagged as an expert's"
         found.append(Finding(Level.NOTE, "privilege", text))
     return found + _shared_state(planner)
-
-
-def _start(seconds: float) -> Finding:
-    level = Level.NOTE if seconds > _SLOW_START_S else Level.OK
-    return Finding(level, "start", f"made in {seconds:.2f} s; every worker of a run makes its own")
-
-
-def _contract(planner: Planner) -> Finding:
-    kind = "a function" if isinstance(planner, FunctionPlanner) else "a class with reset and act"
-    return Finding(Level.OK, "contract", f"is {kind}")
 
 
 def _shared_state(planner: Planner) -> list[Finding]:

@@ -6,9 +6,9 @@ import math
 from dataclasses import replace
 from functools import cache
 
-from tsbench.planners.base import Observation, PlannerContext, SignView
-from tsbench.planners.geometry import HALF_LENGTH_M, moving_ahead, obstacle_ahead
-from tsbench.planners.speed_profile import PathSamples, speed_at, speed_profile
+from tsbench.planners.base import PlannerContext
+from tsbench.planners.geometry import HALF_LENGTH_M, PathSamples, moving_ahead, obstacle_ahead, speed_at, speed_profile
+from tsbench.planners.observation import Observation, SignView
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import Crossing, MapLane, RoadMap
 from tsbench.signs.catalog import load_catalog

@@ -10,8 +10,9 @@ import math
 
 import numpy as np
 
-from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.base import PlannerContext
 from tsbench.planners.geometry import HALF_LENGTH_M
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import MapLane
 from tsbench.sim.ego import pursue

@@ -17,10 +17,9 @@ from importlib.metadata import EntryPoint, entry_points
 from typing import cast
 
 from tsbench.core.errors import InputError
-from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
-from tsbench.planners.batching import Batched, Infer
-from tsbench.planners.loading import import_attribute
-from tsbench.planners.planner_spec import EXPERT, NUPLAN, PlannerSpec, parts_of
+from tsbench.planners.base import Batched, Control, Infer, Planner, PlannerContext, Trajectory
+from tsbench.planners.observation import Observation
+from tsbench.planners.planner_spec import EXPERT, NUPLAN, PlannerSpec, import_attribute, parts_of
 
 GROUP = "tsbench.planners"
 EXPERT_MODULE = "tsbench.planners.experts.expert"

@@ -16,7 +16,7 @@ from tsbench.metrics.tracks import tracks_of
 from tsbench.roads.blocking import PriorityGap, arrival_s
 from tsbench.roads.junction_paths import JunctionPath, junction_paths, path_zones
 from tsbench.roads.priority import RULE_FOLLOWING, PriorityVehicles
-from tsbench.signs.plate_params import GiveWayParams
+from tsbench.signs.rule_kinds import GiveWayParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, WorldSnapshot
 

@@ -7,7 +7,7 @@ from tsbench.roads.localization import inside_polygon
 from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
-from tsbench.signs.plate_params import ApproachParams
+from tsbench.signs.rule_kinds import ApproachParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, EgoState, WorldSnapshot
 

@@ -9,7 +9,7 @@ from tsbench.rules.crossing import CrossingPeople
 from tsbench.rules.monitor import Excursion, Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
-from tsbench.signs.plate_params import CrosswalkParams
+from tsbench.signs.rule_kinds import CrosswalkParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EGO_LENGTH_M, ActorKind, WorldSnapshot, ego_box
 

@@ -11,7 +11,7 @@ from tsbench.geometry.footprint import boxes_overlap
 from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
-from tsbench.signs.plate_params import ObstacleParams
+from tsbench.signs.rule_kinds import ObstacleParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M, EgoState, WorldSnapshot, ego_box
 

@@ -9,7 +9,7 @@ from tsbench.rules.crossing import CrossingJudge
 from tsbench.rules.monitor import Monitor, Verdict
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
-from tsbench.signs.plate_params import GiveWayParams
+from tsbench.signs.rule_kinds import GiveWayParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EGO_LENGTH_M, EgoState, WorldSnapshot
 

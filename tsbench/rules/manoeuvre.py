@@ -11,7 +11,7 @@ from tsbench.rules.lines import is_out
 from tsbench.rules.monitor import Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
-from tsbench.signs.plate_params import JunctionParams
+from tsbench.signs.rule_kinds import JunctionParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EgoState, WorldSnapshot
 

@@ -13,7 +13,7 @@ from tsbench.core.errors import InputError
 from tsbench.rules.lines import ApproachLine, Road
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
-from tsbench.signs.plate_params import ZoneParams
+from tsbench.signs.rule_kinds import ZoneParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import EgoState, WorldSnapshot
 

@@ -8,7 +8,7 @@ from tsbench.geometry.footprint import boxes_overlap, share_in_band
 from tsbench.rules.monitor import InAll, Monitor
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
-from tsbench.signs.plate_params import ReservedLaneParams
+from tsbench.signs.rule_kinds import ReservedLaneParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind, Actors, EgoState, WorldSnapshot, ego_box
 

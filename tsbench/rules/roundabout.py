@@ -16,7 +16,7 @@ from tsbench.rules.give_way import GiveWay
 from tsbench.rules.monitor import InAll
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.catalog import RuleSpec
-from tsbench.signs.plate_params import RoundaboutParams
+from tsbench.signs.rule_kinds import RoundaboutParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import WorldSnapshot
 

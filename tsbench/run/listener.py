@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from tsbench.core.errors import InputError, load
-from tsbench.planners.loading import import_attribute
+from tsbench.planners.planner_spec import import_attribute
 from tsbench.run.log.record import Row
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from urllib.parse import quote
 from tsbench.core.errors import InputError
 from tsbench.core.paths import OWN_CITY
 from tsbench.episode.perception_level import EXACT, Perception, load_level
-from tsbench.planners.batching import DEVICES
+from tsbench.planners.base import DEVICES
 from tsbench.run.arguments import option, options_in
 from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import EXECUTORS

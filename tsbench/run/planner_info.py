@@ -20,10 +20,8 @@ from tsbench.core.files import sha256_of
 from tsbench.core.machine import adopt_orphans
 from tsbench.core.paths import expanded
 from tsbench.core.provenance import MOST_BYTES, closure, digest
-from tsbench.planners.base import Planner
-from tsbench.planners.batching import DEVICES
-from tsbench.planners.loading import cause_with_place
-from tsbench.planners.planner_spec import PlannerSpec
+from tsbench.planners.base import DEVICES, Planner
+from tsbench.planners.planner_spec import PlannerSpec, cause_with_place
 from tsbench.planners.registry import LoadedPlanner, in_package, resolve, source_of
 from tsbench.run import opened_files
 from tsbench.run.execution.fresh_episode import shared_with_children

@@ -17,8 +17,7 @@ from tsbench.core.errors import InputError
 from tsbench.core.text import fault_in_name
 from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import summarise
-from tsbench.planners.loading import import_attribute
-from tsbench.planners.planner_spec import PlannerSpec
+from tsbench.planners.planner_spec import PlannerSpec, import_attribute
 from tsbench.run.edition import LOCAL, code_stamps, contract_hash, edition_here, standing_contract
 from tsbench.run.execution.executor import Executor
 from tsbench.run.execution.local import make_executor

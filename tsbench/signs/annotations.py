@@ -14,8 +14,7 @@ from lxml import etree
 from tsbench.core.errors import InputError
 from tsbench.signs.catalog import Catalog
 from tsbench.signs.contrast import CONTRAST
-from tsbench.signs.plate_params import Params, PlateParams, read_params
-from tsbench.signs.rule_kinds import RULE_KINDS
+from tsbench.signs.rule_kinds import RULE_KINDS, Params, PlateParams, read_params
 
 ALL_LANES = -1
 TARGET, DISTRACTOR = "target", "distractor"

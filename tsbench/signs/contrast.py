@@ -13,7 +13,7 @@ from types import MappingProxyType
 from lxml import etree
 
 from tsbench.core.errors import InputError
-from tsbench.signs.plate_params import CROSSING, EDGE, LANE, ApproachParams, PlateParams, read_params
+from tsbench.signs.rule_kinds import CROSSING, EDGE, LANE, ApproachParams, PlateParams, read_params
 
 CONTRAST = "contrast"
 # In a scene file between the name of a clause and its sign.

@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 from tsbench.signs.contrast import PassageParams
-from tsbench.signs.plate_params import GiveWayParams, RoundaboutParams
+from tsbench.signs.rule_kinds import GiveWayParams, RoundaboutParams
 from tsbench.sim.convoy import (
     KEEPS_BACK_S,
     NEAR_M,

@@ -14,7 +14,7 @@ from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.catalog import Catalog, RuleSpec
 from tsbench.signs.contrast import ContrastClause, PassageParams
 from tsbench.signs.countries import Artwork, Country
-from tsbench.signs.plate_params import NAMES, GiveWayParams, JunctionParams, PlateParams, ZoneParams
+from tsbench.signs.rule_kinds import NAMES, GiveWayParams, JunctionParams, PlateParams, ZoneParams
 
 
 @dataclass(frozen=True, slots=True)

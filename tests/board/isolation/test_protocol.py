@@ -18,7 +18,8 @@ from tsbench.board.isolation.protocol import HEAD, MOST_BYTES, ProtocolError, re
 from tsbench.core.errors import PlannerOutputError
 from tsbench.core.frozen import Frozen
 from tsbench.geometry.polyline import Polyline
-from tsbench.planners.base import Observation, PlannerContext, Privilege, SignView
+from tsbench.planners.base import PlannerContext, Privilege
+from tsbench.planners.observation import Observation, SignView
 from tsbench.roads.lane_graph import Destination, PathPiece, RoutePath
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader

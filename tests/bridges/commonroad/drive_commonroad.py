@@ -14,7 +14,8 @@ from commonroad.scenario.traffic_sign_interpreter import TrafficSignInterpreter
 from tsbench.bridges.commonroad import LiveScenario, Reactive
 from tsbench.bridges.commonroad.scenario import forecast, walls
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.planners.base import Observation, PlannerContext, SignView, Trajectory
+from tsbench.planners.base import PlannerContext, Trajectory
+from tsbench.planners.observation import Observation, SignView
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 
-from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.base import PlannerContext, Privilege
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint
 from tsbench.planners.experts.rules.speed_constraint import line_place
-from tsbench.planners.geometry import HALF_LENGTH_M, moving_ahead
-from tsbench.planners.speed_profile import PathSamples
+from tsbench.planners.geometry import HALF_LENGTH_M, PathSamples, moving_ahead
+from tsbench.planners.observation import Observation
 from tsbench.signs.annotations import SignInstance
 from tsbench.sim.navigation import RouteView
 

@@ -21,7 +21,8 @@ from tsbench.episode.runner import EpisodeRunner
 from tsbench.learn.envs import DRIVE, DRIVE_V0, MAX_STEPS
 from tsbench.learn.envs.drive_env import Curriculum, DriveEnv
 from tsbench.learn.rl.actions import aim
-from tsbench.planners.base import Control, Observation
+from tsbench.planners.base import Control
+from tsbench.planners.observation import Observation
 from tsbench.planners.registry import resolve
 from tsbench.scenarios.data_set import DataSet
 

@@ -26,9 +26,9 @@ from tsbench.learn.imitation.recipe import (
 )
 from tsbench.learn.imitation.task import batches_of, imitation
 from tsbench.learn.imitation.trainer import losses, rate_at, total, train, trimmed, two_hot
-from tsbench.learn.learning_curve import read_rows
 from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.plant2_network import Plant2Network
+from tsbench.learn.training_folder import read_rows
 from tsbench.planners.weights import load_weights
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import HALVES, ScenarioSpec

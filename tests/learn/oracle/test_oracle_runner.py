@@ -14,9 +14,10 @@ from tsbench.learn.oracle.collect import CollectOptions, chosen, collect, expert
 from tsbench.learn.oracle.select import select, verify
 from tsbench.learn.oracle.store import read_tries
 from tsbench.learn.oracle.trajectories import OracleRunner, record_of, retry_seed, unpack
-from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.base import Control, PlannerContext
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
+from tsbench.planners.observation import Observation
 from tsbench.planners.registry import names, resolve
 from tsbench.run.options import RunOptions
 from tsbench.run.run_progress import ProgressWatcher

@@ -18,7 +18,8 @@ from tsbench.learn.plant2.plant2_planner import HOLD_TICKS, Gains, Plant2, Plant
 from tsbench.learn.plant2.sign_tokens import SignMemory, vocabulary_of
 from tsbench.learn.plant2.tokens import PATH_POINTS, PLAN
 from tsbench.planners import registry
-from tsbench.planners.base import Control, SignView
+from tsbench.planners.base import Control
+from tsbench.planners.observation import SignView
 from tsbench.sim.ego import Motion, advance
 from tsbench.sim.world import EGO_LENGTH_M, EgoState
 

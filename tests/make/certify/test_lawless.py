@@ -9,7 +9,8 @@ import pytest
 
 from tsbench.episode.outcome import EpisodeResult, Outcome
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.planners.base import Control, Observation
+from tsbench.planners.base import Control
+from tsbench.planners.observation import Observation
 from tsbench.planners.registry import resolve
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec

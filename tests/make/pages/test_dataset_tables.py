@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from tsbench.make.dataset_tables import dataset_tables
-from tsbench.make.scenes.overview import TypeStats
+from tsbench.make.scenes.overview import TypeStats, dataset_tables
 from tsbench.report.analyses.analysis import Analysis
 
 STOP = TypeStats("stop", "test", 400, 200, 20, 18, {"T": 12, "X": 8}, 0.5, 1.0, 0.9999, 1.0, 1.0, 0.0, 0.84, 0.25)

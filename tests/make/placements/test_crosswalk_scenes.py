@@ -46,7 +46,7 @@ from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
 from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.plate_params import CrosswalkParams
+from tsbench.signs.rule_kinds import CrosswalkParams
 from tsbench.sim.ego import MAX_DECEL_MPS2
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, ActorKind

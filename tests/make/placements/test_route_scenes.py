@@ -20,7 +20,7 @@ from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.catalog import load_catalog
-from tsbench.signs.plate_params import JunctionParams
+from tsbench.signs.rule_kinds import JunctionParams
 from tsbench.sim.world import EGO_LENGTH_M
 
 LAYOUTS = range(6)

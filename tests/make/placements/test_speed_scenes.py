@@ -27,7 +27,7 @@ from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import SlowZoneParams
-from tsbench.signs.plate_params import ZoneParams
+from tsbench.signs.rule_kinds import ZoneParams
 from tsbench.sim.scene_file import EGO_ID
 from tsbench.sim.world import EGO_LENGTH_M
 

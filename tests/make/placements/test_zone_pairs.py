@@ -18,8 +18,9 @@ from tsbench.make.scenes import map_scenarios as site_module
 from tsbench.make.scenes.map_scenarios import MapScenarios, SiteBuilder
 from tsbench.make.scenes.recipe import load_recipe, variants_of
 from tsbench.metrics.scd import is_scd
-from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.base import Control, PlannerContext
 from tsbench.planners.idm import Idm, IdmParameters
+from tsbench.planners.observation import Observation
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow

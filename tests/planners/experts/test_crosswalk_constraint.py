@@ -14,7 +14,7 @@ from tsbench.planners.idm import Idm
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.plate_params import CrosswalkParams
+from tsbench.signs.rule_kinds import CrosswalkParams
 from tsbench.sim.world import EGO_LENGTH_M, ActorKind
 
 NETS = CASES / "nets"

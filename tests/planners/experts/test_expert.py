@@ -10,9 +10,10 @@ from planner_loop import KMH, Body, World, car, constant, front_of, load, target
 
 from tsbench.core.errors import InputError
 from tsbench.geometry.footprint import boxes_overlap
-from tsbench.planners.base import Control, Observation, PlannerContext, SignView
+from tsbench.planners.base import Control, PlannerContext
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
+from tsbench.planners.observation import Observation, SignView
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork
 from tsbench.signs.annotations import SignInstance

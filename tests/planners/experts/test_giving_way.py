@@ -7,9 +7,15 @@ from planner_loop import Body, World, car, constant, ids, load, target_plate, to
 
 from tsbench.planners.base import Privilege
 from tsbench.planners.experts.expert import Expert
-from tsbench.planners.experts.rules.conflict_check import CrossingPlan, GapRequirement, ObservedVehicle
+from tsbench.planners.experts.rules.conflict_check import (
+    CrossingPlan,
+    GapRequirement,
+    ObservedVehicle,
+    WayThrough,
+    crossing,
+    paths_through,
+)
 from tsbench.planners.experts.rules.gap_acceptance import COURTESY
-from tsbench.planners.experts.rules.way_through import WayThrough, crossing, paths_through
 from tsbench.planners.idm import Idm
 from tsbench.roads.junction_paths import JunctionPath, junction_paths
 from tsbench.roads.lane_graph import Destination

@@ -8,8 +8,9 @@ from dataclasses import replace
 import pytest
 from learned_scenes import record
 
-from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.base import Control, PlannerContext
 from tsbench.planners.experts.expert import ObstacleFilter
+from tsbench.planners.observation import Observation
 from tsbench.sim.scene import Obstacle
 
 

@@ -6,14 +6,15 @@ import pytest
 from labelled import CASES
 from planner_loop import Body, World, constant, front_of, verdict
 
-from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.base import Control, PlannerContext
 from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.planners.lane_change import pursue_route
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.plate_params import ReservedLaneParams
+from tsbench.signs.rule_kinds import ReservedLaneParams
 from tsbench.sim.world import ActorKind
 
 NETS = CASES / "nets"

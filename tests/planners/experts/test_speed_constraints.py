@@ -7,13 +7,13 @@ from collections.abc import Callable
 import pytest
 from planner_loop import Body, World, constant, front_of, load, verdict
 
-from tsbench.planners.base import Planner, SignView
+from tsbench.planners.base import Planner
 from tsbench.planners.experts.expert import Expert
-from tsbench.planners.idm import Idm
-from tsbench.planners.styles import IdmS1, IdmS2, IdmS3, IdmS4
+from tsbench.planners.idm import Idm, IdmS1, IdmS2, IdmS3, IdmS4
+from tsbench.planners.observation import SignView
 from tsbench.roads.lane_graph import Destination
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.plate_params import ZoneParams
+from tsbench.signs.rule_kinds import ZoneParams
 from tsbench.sim.world import EGO_LENGTH_M
 
 KMH = 3.6

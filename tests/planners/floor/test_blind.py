@@ -9,10 +9,11 @@ from planner_loop import Body, World, ids, load
 
 from tsbench.core.seeds import floor_seed
 from tsbench.planners import registry
-from tsbench.planners.base import Control, Observation, PlannerContext, SignView
+from tsbench.planners.base import Control, PlannerContext
+from tsbench.planners.floor.constraints import least_speed, limit_of
 from tsbench.planners.floor.guess import Blind, Coin
-from tsbench.planners.floor.lanes import least_speed, limit_of
 from tsbench.planners.idm import Idm
+from tsbench.planners.observation import Observation, SignView
 from tsbench.roads.lane_graph import Destination
 from tsbench.sim.world import EGO_LENGTH_M
 

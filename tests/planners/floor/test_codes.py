@@ -11,10 +11,11 @@ from planner_loop import World, load
 
 from tsbench.cli.train import count_plates, write_counts
 from tsbench.core.files import sha256_of
-from tsbench.planners.base import Control, Observation, SignView
+from tsbench.planners.base import Control
 from tsbench.planners.floor import guess
 from tsbench.planners.floor.guess import Blind, Codes, Plate, counts, read_counts, signed_odds
 from tsbench.planners.idm import Idm
+from tsbench.planners.observation import Observation, SignView
 from tsbench.roads.lane_graph import Destination
 from tsbench.scenarios.data_set import DataSet
 

@@ -22,7 +22,7 @@ from tsbench.core.errors import InputError, cause_in_planner
 from tsbench.core.machine import adopt_orphans
 from tsbench.core.text import written_out
 from tsbench.planners.base import Planner, PlannerContext
-from tsbench.planners.loading import cause_with_place
+from tsbench.planners.planner_spec import cause_with_place
 from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.run.execution.fresh_episode import end_as, run_in_child, shared_with_children
 

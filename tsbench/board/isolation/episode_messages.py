@@ -17,7 +17,8 @@ from tsbench.board.isolation import protocol
 from tsbench.board.isolation.protocol import ProtocolError
 from tsbench.core.errors import PlannerOutputError, cause_of
 from tsbench.core.text import written_out
-from tsbench.planners.base import Control, Observation, PlannerContext, Privilege, Trajectory
+from tsbench.planners.base import Control, PlannerContext, Privilege, Trajectory
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import MapGraph, RoutePath
 from tsbench.roads.network import RoadNetwork
 from tsbench.roads.planner_map import PlannerMap, build_planner_map

@@ -23,7 +23,8 @@ from tsbench.board.isolation.sandbox import Sandbox
 from tsbench.core.errors import InputError, PlannerOutputError
 from tsbench.core.machine import cause_of_end
 from tsbench.core.text import fault_in_texts, one_line, written_out
-from tsbench.planners.base import Control, Observation, PlannerContext, Trajectory
+from tsbench.planners.base import Control, PlannerContext, Trajectory
+from tsbench.planners.observation import Observation
 from tsbench.planners.planner_spec import PlannerSpec
 
 _READ_BYTES = 1 << 16

@@ -39,8 +39,9 @@ from commonroad_rp.utility.utils_coordinate_system import create_coordinate_syst
 from tsbench.bridges.commonroad.scenario import LiveScenario, state_of, walls
 from tsbench.geometry.elementary import wrap
 from tsbench.geometry.polyline import Array, Polyline
-from tsbench.planners.base import Observation, PlannerContext, Trajectory
+from tsbench.planners.base import PlannerContext, Trajectory
 from tsbench.planners.geometry import EGO, RouteLine, route_line
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.sim.world import EgoState
 

@@ -27,9 +27,10 @@ from commonroad.scenario.trajectory import Trajectory
 from tsbench.bridges.commonroad_lanelets import SIGN_NUMBERS
 from tsbench.geometry.elementary import wrap
 from tsbench.geometry.polyline import Array, Polyline
-from tsbench.planners.base import Observation, PlannerContext, SignView
+from tsbench.planners.base import PlannerContext
 from tsbench.planners.geometry import lane_polygon
 from tsbench.planners.helpers import identified
+from tsbench.planners.observation import Observation, SignView
 from tsbench.roads.road_map import MapLane, RoadMap
 from tsbench.signs.catalog import Catalog, load_catalog
 from tsbench.sim.world import ActorKind

@@ -10,8 +10,8 @@ from typing import Any, cast
 
 from tsbench.bridges.nuplan import nuplan_map, states
 from tsbench.planners.geometry import EGO
-from tsbench.planners.loading import import_attribute
 from tsbench.planners.observation import Observation
+from tsbench.planners.planner_spec import import_attribute
 from tsbench.sim.world import ActorKind, EgoState
 
 _MAPS = "nuplan.common.maps"

@@ -18,9 +18,10 @@ from tsbench.bridges.nuplan.devkit import detections, ego_state, kit
 from tsbench.bridges.nuplan.nuplan_map import NuPlanMap
 from tsbench.core.errors import InputError
 from tsbench.geometry.polyline import Array
-from tsbench.planners.base import Observation, PlannerContext, Trajectory
+from tsbench.planners.base import PlannerContext, Trajectory
 from tsbench.planners.geometry import EGO
-from tsbench.planners.loading import import_attribute
+from tsbench.planners.observation import Observation
+from tsbench.planners.planner_spec import import_attribute
 from tsbench.roads.lane_graph import RoutePath
 
 _KEPT = 21

@@ -15,7 +15,8 @@ from tsbench.geometry.elementary import exp
 from tsbench.learn.envs.seen_tables import KINDS
 from tsbench.learn.fixed_point import BITS, LARGEST, Linear, Parameters, rectified, snap, tanh
 from tsbench.learn.rl.actions import EXIT, PLAIN, ExitAction, normal_quantile
-from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.base import Control, PlannerContext
+from tsbench.planners.observation import Observation
 from tsbench.planners.weights import Tensors, fitted, network
 
 # Of the two files beside the planner's own.

@@ -33,7 +33,8 @@ from tsbench.learn.rl.actions import EXIT, PLAIN, ExitAction
 from tsbench.metrics.metric import route_completion
 from tsbench.metrics.scd import is_scd
 from tsbench.metrics.tracks import tracks_of
-from tsbench.planners.base import Control, Observation
+from tsbench.planners.base import Control
+from tsbench.planners.observation import Observation
 from tsbench.run.arguments import switch, text, type_words, whole_number
 from tsbench.run.options import BOTH, VARIANTS, keywords
 from tsbench.run.plan import choose_half, choose_types, choose_variants

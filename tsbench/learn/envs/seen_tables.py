@@ -24,7 +24,8 @@ from tsbench.learn.rl.actions import ways_to
 from tsbench.learn.rl.carl_planner import RasterEncoder
 from tsbench.learn.rl.ppo_planner import SIZE, VectorEncoder
 from tsbench.learn.shared_inputs import CHANNELS, MEASUREMENTS, PIXELS
-from tsbench.planners.base import Observation, PlannerContext, SignView
+from tsbench.planners.base import PlannerContext
+from tsbench.planners.observation import Observation, SignView
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.model import OUTLINES
 from tsbench.sim.ego import MAX_STEER_RAD

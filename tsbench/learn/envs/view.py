@@ -11,7 +11,8 @@ import numpy as np
 import shapely
 
 from tsbench.core.errors import InputError
-from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.base import PlannerContext
+from tsbench.planners.observation import Observation
 from tsbench.report.drawing.canvas import STYLE, Area, Body, Image, Line, Shape, camera_at, lane_area
 from tsbench.report.drawing.paint import paint, paste, tile, write
 from tsbench.report.drawing.scene_shapes import ego_body

@@ -40,14 +40,14 @@ from tsbench.learn.plant2.plant2_planner import Plant2Ft, RouteAlternatives, Sig
 from tsbench.learn.plant2.sign_tokens import STOPPED_MPS, Vocabulary
 from tsbench.learn.plant2.tokens import Pose
 from tsbench.metrics.scd import is_scd
-from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory
-from tsbench.planners.geometry import HALF_LENGTH_M, moving_ahead, obstacle_ahead
+from tsbench.planners.base import Control, Planner, PlannerContext, Trajectory
+from tsbench.planners.geometry import HALF_LENGTH_M, PathSamples, moving_ahead, obstacle_ahead
+from tsbench.planners.observation import Observation
 from tsbench.planners.registry import LoadedPlanner, resolve
-from tsbench.planners.speed_profile import PathSamples
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.model import RuleSpec
-from tsbench.signs.plate_params import ApproachParams, ObstacleParams, ReservedLaneParams
+from tsbench.signs.rule_kinds import ApproachParams, ObstacleParams, ReservedLaneParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S

@@ -21,14 +21,22 @@ from torch.nn import functional
 from torch.utils.tensorboard import SummaryWriter
 
 from tsbench.core.seeds import rng_of, seed_of
-from tsbench.learn.checkpoint import command_line, load_checkpoint, prepare, save_checkpoint
 from tsbench.learn.imitation.frames_store import FrameStore, TrainingResources
 from tsbench.learn.imitation.recipe import Skill, TrainingRecipe, measure
 from tsbench.learn.imitation.task import ImitationTask
-from tsbench.learn.learning_curve import CURVE, LOSSES, add_row, draw_imitation
 from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.plant2_network import NetworkPlan, Plant2Network, tensors
 from tsbench.learn.plant2.tokens import Records
+from tsbench.learn.training_folder import (
+    CURVE,
+    LOSSES,
+    add_row,
+    command_line,
+    draw_imitation,
+    load_checkpoint,
+    prepare,
+    save_checkpoint,
+)
 from tsbench.planners.weights import Network, network, save_weights
 
 # So that no term drowns the others: a good path is wrong by centimetres, a good speed still by a quarter of a nat.

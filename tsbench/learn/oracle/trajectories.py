@@ -32,7 +32,8 @@ from tsbench.episode.runner import EpisodeRunner
 from tsbench.metrics.comfort import comfort
 from tsbench.metrics.scd import is_scd
 from tsbench.metrics.tracks import tracks_of
-from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Trajectory, to_command
+from tsbench.planners.base import Control, Planner, PlannerContext, Trajectory, to_command
+from tsbench.planners.observation import Observation
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.run.log.record import Record, Row
 from tsbench.scenarios.data_set import DataSet

@@ -23,7 +23,7 @@ from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.engine import target_speed_of
 from tsbench.learn.plant2.sign_tokens import vocabulary_of
 from tsbench.learn.plant2.tokens import PATH, QUERIES, SIZES, SPEED, TILE, TILE_FEATURES, WAYPOINT
-from tsbench.planners.batching import Infer
+from tsbench.planners.base import Infer
 
 
 @dataclass(frozen=True, slots=True)

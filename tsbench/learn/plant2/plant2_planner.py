@@ -31,9 +31,9 @@ from tsbench.learn.plant2.tokens import (
     points_ahead,
     size_of,
 )
-from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.planners.batching import Infer, check_device
+from tsbench.planners.base import Control, Infer, PlannerContext, check_device
 from tsbench.planners.floor.guess import masked
+from tsbench.planners.observation import Observation
 from tsbench.planners.weights import fitted, network
 from tsbench.roads.lane_graph import Destination, MapGraph, RoutePath, heading_change
 from tsbench.sim.ego import pursue

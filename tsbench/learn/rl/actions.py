@@ -29,8 +29,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from tsbench.geometry.elementary import Array, exp_of, log, log_of, polynomial
-from tsbench.planners.base import Control, Observation, PlannerContext
-from tsbench.planners.batching import Infer, Records
+from tsbench.planners.base import Control, Infer, PlannerContext, Records
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import MapGraph, RoutePath, heading_change, shortest_ways
 from tsbench.sim.ego import MAX_STEER_RAD, pursue
 

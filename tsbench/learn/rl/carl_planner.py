@@ -41,8 +41,8 @@ from tsbench.learn.shared_inputs import (
     pack,
     repack,
 )
-from tsbench.planners.base import Observation, PlannerContext
-from tsbench.planners.batching import Infer, Records
+from tsbench.planners.base import Infer, PlannerContext, Records
+from tsbench.planners.observation import Observation
 from tsbench.planners.weights import fitted
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import RoadMap

@@ -25,9 +25,10 @@ from torch.nn.functional import mse_loss
 
 from tsbench.learn.envs.drive_env import DriveEnv
 from tsbench.learn.rl.actions import action_for
-from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.base import PlannerContext
 from tsbench.planners.experts.rules.obstacle_pass import ObstaclePass
 from tsbench.planners.idm import Idm
+from tsbench.planners.observation import Observation
 from tsbench.roads.road_map import RoadMap
 
 _OTHER = {"right": "left", "left": "right"}

@@ -17,7 +17,7 @@ from torch.nn.functional import softplus
 
 from tsbench.geometry.polyline import Array
 from tsbench.learn.shared_inputs import CHANNELS, MEASUREMENTS, PIXELS
-from tsbench.planners.batching import Records, check_device
+from tsbench.planners.base import Records, check_device
 from tsbench.planners.weights import Tensors
 
 LATENT = 256

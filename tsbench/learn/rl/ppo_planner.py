@@ -31,8 +31,8 @@ from tsbench.geometry.polyline import Array
 from tsbench.learn.fixed_point import Linear, Parameters, snap, tanh
 from tsbench.learn.rl.actions import DRAW, TWO_ACTIONS, LearnedPlanner, normal_quantile
 from tsbench.learn.shared_inputs import Recent, RouteSpeed, ahead, clip, motion, on_route, pace
-from tsbench.planners.base import Observation, PlannerContext
-from tsbench.planners.batching import Infer, Records
+from tsbench.planners.base import Infer, PlannerContext, Records
+from tsbench.planners.observation import Observation
 from tsbench.planners.weights import Tensors, fitted
 from tsbench.roads.road_map import RoadMap
 from tsbench.sim.scene import Obstacle

@@ -25,12 +25,20 @@ from stable_baselines3.common.vec_env import SubprocVecEnv, VecMonitor
 import tsbench.learn.envs
 from tsbench.core.errors import SimulationError
 from tsbench.core.paths import OWN_CITY
-from tsbench.learn.checkpoint import command_line, keep_freed_memory, load_checkpoint, prepare, save_checkpoint
 from tsbench.learn.envs.reward import RewardSpec
-from tsbench.learn.learning_curve import CURVE, add_row, draw_rl
 from tsbench.learn.rl.actions import HOLD_TICKS
 from tsbench.learn.rl.dagger import DaggerWrapper, warm_up
 from tsbench.learn.rl.policy import actor_tensors, policy_of
+from tsbench.learn.training_folder import (
+    CURVE,
+    add_row,
+    command_line,
+    draw_rl,
+    keep_freed_memory,
+    load_checkpoint,
+    prepare,
+    save_checkpoint,
+)
 from tsbench.planners.weights import Network, save_weights
 
 _WINDOW = 200

@@ -20,9 +20,10 @@ from tsbench.episode.outcome import EpisodeFacts
 from tsbench.episode.traffic_view import blind_bytes
 from tsbench.geometry.footprint import boxes_overlap
 from tsbench.geometry.polyline import Array
-from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
+from tsbench.planners.base import Control, Planner, PlannerContext, Privilege, Trajectory
 from tsbench.planners.idm import Idm, IdmParameters
 from tsbench.planners.lane_change import AHEAD_S, LEAST_AHEAD_M
+from tsbench.planners.observation import Observation
 from tsbench.signs.contrast import CONTRAST
 from tsbench.sim.convoy import Approach, ConvoyRelease, Showing
 from tsbench.sim.ego import pursue

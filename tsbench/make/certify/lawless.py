@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.base import Control, PlannerContext
 from tsbench.planners.idm import Idm, IdmParameters
+from tsbench.planners.observation import Observation
 from tsbench.sim.world import Agents
 
 _MIN_SPEED = "4.6"

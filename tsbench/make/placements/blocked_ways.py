@@ -35,7 +35,7 @@ from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.contrast import ContrastClause, PassageParams, WayParams
-from tsbench.signs.plate_params import ApproachParams, ObstacleParams
+from tsbench.signs.rule_kinds import ApproachParams, ObstacleParams
 from tsbench.sim.scene import EgoStart, Obstacle
 from tsbench.sim.world import EGO_LENGTH_M
 

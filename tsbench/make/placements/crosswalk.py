@@ -34,7 +34,7 @@ from tsbench.roads.road_map import Crossing
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, TARGET
 from tsbench.signs.contrast import ContrastClause, PassageParams
-from tsbench.signs.plate_params import CrosswalkParams, ZoneParams
+from tsbench.signs.rule_kinds import CrosswalkParams, ZoneParams
 from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.scene import EgoStart, WalkersPlan
 from tsbench.sim.world import EGO_LENGTH_M, EGO_WIDTH_M

@@ -41,7 +41,7 @@ from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.contrast import ContrastClause, WayParams
-from tsbench.signs.plate_params import JunctionParams
+from tsbench.signs.rule_kinds import JunctionParams
 from tsbench.sim.scene import EgoStart
 
 

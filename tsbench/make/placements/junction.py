@@ -47,7 +47,7 @@ from tsbench.roads.network import Connection, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, TARGET, SignInstance
 from tsbench.signs.contrast import ContrastClause, PassageParams
-from tsbench.signs.plate_params import GiveWayParams
+from tsbench.signs.rule_kinds import GiveWayParams
 from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.scene import EgoStart
 

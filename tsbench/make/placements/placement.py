@@ -21,7 +21,7 @@ from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import ALL_LANES, DISTRACTOR, TARGET, SignInstance
 from tsbench.signs.contrast import ContrastClause
-from tsbench.signs.plate_params import PlateParams
+from tsbench.signs.rule_kinds import PlateParams
 from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.scene import EgoStart, Obstacle, WalkersPlan
 from tsbench.sim.world import EGO_LENGTH_M

@@ -37,7 +37,7 @@ from tsbench.roads.network import DEFAULT_LANE_WIDTH_M, Lane, RoadNetwork
 from tsbench.roads.reserved_lanes import contraflow_lanes
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.contrast import ContrastClause, WayParams
-from tsbench.signs.plate_params import ReservedLaneParams
+from tsbench.signs.rule_kinds import ReservedLaneParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 

@@ -32,7 +32,7 @@ from tsbench.roads.lane_graph import Destination, RoutePath
 from tsbench.roads.network import Connection, Lane, RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR
-from tsbench.signs.plate_params import RoundaboutParams
+from tsbench.signs.rule_kinds import RoundaboutParams
 from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M

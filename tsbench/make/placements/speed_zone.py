@@ -29,7 +29,7 @@ from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.catalog import Catalog
 from tsbench.signs.contrast import ContrastClause, SlowZoneParams
-from tsbench.signs.plate_params import ZoneParams
+from tsbench.signs.rule_kinds import ZoneParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 

@@ -20,7 +20,7 @@ from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, TARGET, SignInstance
 from tsbench.signs.contrast import ContrastClause, PassageParams, SlowZoneParams
-from tsbench.signs.plate_params import GiveWayParams, ZoneParams
+from tsbench.signs.rule_kinds import GiveWayParams, ZoneParams
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 

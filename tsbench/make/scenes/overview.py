@@ -1,11 +1,12 @@
-"""Figures about the scenario tables: what there is, where, and how evenly."""
+"""Figures about the scenario tables: what there is, where, and how evenly; and tables of them."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isnan
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -15,6 +16,8 @@ from tsbench.core.textfile import read_json
 from tsbench.make.city import City
 from tsbench.make.scenes.recipe import Recipe, stratum_of
 from tsbench.make.scenes.split import places_of, split_pool
+from tsbench.report.analyses.analysis import Analysis, Row, Table
+from tsbench.report.analyses.columns import count_columns, number_columns, text_columns
 from tsbench.scenarios.certificates import certificates_of
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow, read_pool
@@ -146,3 +149,70 @@ def _why(recipe: Recipe, there: int, entry: dict[str, Any] | None) -> str:
         return "not built yet"
     reasons = [f"{count} {shown_reason(reason)}" for reason, count in entry["reasons"].items()]
     return "; ".join(reasons) or "the maps lie too near to each other"
+
+
+_SHOWN = {"tagged": "tagged_share", **{name: name for name in _SHARES}, "again": "reproduced"}
+
+
+def dataset_tables(stats: Sequence[TypeStats], report: Sequence[Mapping[str, Any]]) -> tuple[Analysis, Analysis]:
+    """Rows, and maps. report: what the last build wrote down (overview.build_report)."""
+    splits = dict.fromkeys(t.split for t in stats)
+    counts = {split: sum(t.rows for t in stats if t.split == split) for split in splits}
+    by_split = ", ".join(f"{split} {count:,}" for split, count in counts.items())
+    rows = []
+    for t in stats:
+        shares = (percent(getattr(t, name)) for name in _SHOWN.values())
+        gap, seen = None if isnan(t.gap_s) else t.gap_s, "" if isnan(t.seen) else percent(t.seen)
+        rows.append(Row((t.type_id, t.split, t.rows, t.pairs, t.maps, t.places, *shares, gap, seen)))
+    columns = (
+        *text_columns("type", "split"),
+        *count_columns("rows", "pairs", "maps", "places"),
+        *text_columns(*_SHOWN),
+        *number_columns(gap_s="gap s"),
+        *text_columns("seen"),
+    )
+    notes = (
+        "Shares are of signed rows, in %, by their certificates. places: maps of the split within 300 m of each other, "
+        "of one ring or one OSM way are one. "
+        "tagged: maps from extracts with full tags. again: driven to the same bytes by a second process. gap s: median "
+        "of |arrival gap| between the ego and the road users that it has to watch, where there are any. "
+        "seen: pairs whose others "
+        "betray the half before the ego is at its line, though too late to stop",
+    )
+    title = f"The data set: {sum(counts.values()):,} rows ({by_split})"
+    strata = {(t.type_id, t.split): t.strata for t in stats}
+    maps = tuple(
+        Row(
+            (
+                kind,
+                split,
+                _counts(strata.get((kind, split), {})),
+                _counts(e["missed"]),
+                _reasons(e["reasons"]),
+                _reasons(e.get("draws", {})),
+            )
+        )
+        for e in report
+        for kind, split in [(str(e["type_id"]), str(e["split"]))]
+    )
+    heads = text_columns(
+        "type", "split", "maps by stratum", "quota missed", "maps passed over, by reason", "draws passed over"
+    )
+    quotas = "Quotas, and why maps were passed over while they were filled"
+    return (
+        Analysis("dataset-rows", title, "", Table(columns, tuple(rows), 2), notes),
+        Analysis("dataset-maps", quotas, "", Table(heads, maps, 2), ()),
+    )
+
+
+def percent(share: float) -> str:
+    """Whole only where it is whole: 99.96 % is not 100 %."""
+    return f"{100 * share:.0f}" if share in (0.0, 1.0) else f"{min(100 * share, 99.9):.1f}"
+
+
+def _counts(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{k} {v}" for k, v in counts.items()) or "none"
+
+
+def _reasons(reasons: Mapping[str, int]) -> str:
+    return "; ".join(f"{n} {shown_reason(why)}" for why, n in reasons.items()) or "none"

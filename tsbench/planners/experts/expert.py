@@ -14,11 +14,12 @@ from dataclasses import replace
 import numpy as np
 
 from tsbench.core.errors import InputError, import_all
-from tsbench.planners.base import Control, Observation, Planner, PlannerContext, Privilege, Trajectory
+from tsbench.planners.base import Control, Planner, PlannerContext, Privilege, Trajectory
 from tsbench.planners.experts.rules.constraint import RuleConstraint, slow_to
-from tsbench.planners.experts.rules.right_of_way import RightOfWay
+from tsbench.planners.experts.rules.gap_acceptance import RightOfWay
 from tsbench.planners.geometry import HALF_LENGTH_M
 from tsbench.planners.lane_change import LaneChanges, follow
+from tsbench.planners.observation import Observation
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.rule_kinds import RULE_KINDS, load_rule_classes
 from tsbench.sim.ego import Motion, track

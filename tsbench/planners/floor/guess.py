@@ -20,25 +20,25 @@ from functools import cache
 from pathlib import Path
 
 from tsbench.core.seeds import rng_of
-from tsbench.planners.base import Control, Observation, PlannerContext
+from tsbench.planners.base import Control, PlannerContext
 from tsbench.planners.experts.rules.constraint import RuleConstraint
 from tsbench.planners.experts.rules.manoeuvre_constraint import Without, u_turns
 from tsbench.planners.experts.rules.obstacle_pass import ObstaclePass
-from tsbench.planners.floor.lanes import (
+from tsbench.planners.floor.constraints import (
     BehindLeader,
     BesideUsers,
     HeldStop,
     OwnPath,
+    Polite,
     SlowFrom,
     least_speed,
     limit_of,
     oncoming_path,
 )
-from tsbench.planners.floor.polite import Polite
-from tsbench.planners.geometry import HALF_LENGTH_M, obstacle_ahead
+from tsbench.planners.geometry import HALF_LENGTH_M, PathSamples, obstacle_ahead
 from tsbench.planners.helpers import sign_ahead
 from tsbench.planners.idm import Idm
-from tsbench.planners.speed_profile import PathSamples
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import RoutePath, Turn
 from tsbench.roads.road_map import RoadMap
 from tsbench.sim.navigation import Navigator, RouteView

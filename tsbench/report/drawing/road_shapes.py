@@ -25,7 +25,7 @@ from tsbench.roads.network import Edge, Lane, RoadNetwork
 from tsbench.roads.road_map import Crossing
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.annotations import TARGET, SignInstance
-from tsbench.signs.plate_params import ReservedLaneParams
+from tsbench.signs.rule_kinds import ReservedLaneParams
 from tsbench.sim import main_road
 from tsbench.sim.main_road import MainRoad
 from tsbench.sim.scene import Scene

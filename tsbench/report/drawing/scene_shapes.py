@@ -28,7 +28,7 @@ from tsbench.roads.network import Lane, RoadNetwork
 from tsbench.rules.monitor import Violation
 from tsbench.signs.annotations import SignInstance
 from tsbench.signs.countries import Country
-from tsbench.signs.plate_params import (
+from tsbench.signs.rule_kinds import (
     ApproachParams,
     CrosswalkParams,
     JunctionParams,

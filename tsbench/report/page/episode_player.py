@@ -31,7 +31,7 @@ from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec, other_halves
 from tsbench.signs.annotations import DISTRACTOR
 from tsbench.signs.countries import Artwork
-from tsbench.signs.plate_params import GiveWayParams
+from tsbench.signs.rule_kinds import GiveWayParams
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M
 

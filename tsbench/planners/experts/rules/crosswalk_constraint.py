@@ -10,13 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.base import PlannerContext, Privilege
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
-from tsbench.planners.geometry import HALF_LENGTH_M, moving_ahead
-from tsbench.planners.speed_profile import PathSamples
+from tsbench.planners.geometry import HALF_LENGTH_M, PathSamples, moving_ahead
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.plate_params import CrosswalkParams
+from tsbench.signs.rule_kinds import CrosswalkParams
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import EGO_WIDTH_M, ActorKind, Agents
 

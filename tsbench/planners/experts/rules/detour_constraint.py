@@ -5,7 +5,7 @@ from __future__ import annotations
 from tsbench.planners.base import PlannerContext, Privilege
 from tsbench.planners.experts.rules.obstacle_pass import ObstaclePass
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.plate_params import ObstacleParams
+from tsbench.signs.rule_kinds import ObstacleParams
 
 
 class DetourConstraint(ObstaclePass):

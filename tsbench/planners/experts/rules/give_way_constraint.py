@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from tsbench.planners.base import Observation, PlannerContext, Privilege
-from tsbench.planners.experts.rules.conflict_check import GapRequirement
+from tsbench.planners.base import PlannerContext, Privilege
+from tsbench.planners.experts.rules.conflict_check import GapRequirement, paths_through
 from tsbench.planners.experts.rules.constraint import RuleConstraint
 from tsbench.planners.experts.rules.gap_acceptance import Yielding
-from tsbench.planners.experts.rules.way_through import paths_through
+from tsbench.planners.observation import Observation
 from tsbench.roads.junction_paths import junction_paths
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.plate_params import GiveWayParams
+from tsbench.signs.rule_kinds import GiveWayParams
 from tsbench.sim.navigation import RouteView
 
 

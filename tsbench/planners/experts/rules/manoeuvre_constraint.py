@@ -7,11 +7,12 @@ from collections.abc import Set as AbstractSet
 
 from tsbench.core.errors import InputError
 from tsbench.geometry.elementary import U_TURN, turn_class
-from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.base import PlannerContext, Privilege
 from tsbench.planners.experts.rules.constraint import RuleConstraint
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import MapGraph, Turn, heading_change
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.plate_params import JunctionParams
+from tsbench.signs.rule_kinds import JunctionParams
 from tsbench.sim.navigation import Navigator, RouteView
 
 

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import math
 
-from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.base import PlannerContext, Privilege
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint
 from tsbench.planners.experts.rules.speed_constraint import KMH, line_place
-from tsbench.planners.geometry import HALF_LENGTH_M, moving_ahead, obstacle_ahead
-from tsbench.planners.speed_profile import PathSamples
+from tsbench.planners.geometry import HALF_LENGTH_M, PathSamples, moving_ahead, obstacle_ahead
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.signs.annotations import SignInstance
 from tsbench.sim.navigation import RouteView

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tsbench.geometry.polyline import Polyline
-from tsbench.planners.base import Observation, PlannerContext
+from tsbench.planners.base import PlannerContext
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
 from tsbench.planners.geometry import HALF_LENGTH_M
 from tsbench.planners.lane_change import gap_free
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import MapLane
 from tsbench.sim.navigation import RouteView

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.base import PlannerContext, Privilege
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
 from tsbench.planners.geometry import HALF_LENGTH_M
 from tsbench.planners.lane_change import gap_free
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import MapGraph, RoutePath
 from tsbench.roads.road_map import MapLane
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.plate_params import ReservedLaneParams
+from tsbench.signs.rule_kinds import ReservedLaneParams
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import EgoState
 

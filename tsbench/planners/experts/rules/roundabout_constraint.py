@@ -5,7 +5,7 @@ from __future__ import annotations
 from tsbench.planners.base import PlannerContext, Privilege
 from tsbench.planners.experts.rules.give_way_constraint import GiveWayConstraint
 from tsbench.signs.annotations import SignInstance
-from tsbench.signs.plate_params import RoundaboutParams
+from tsbench.signs.rule_kinds import RoundaboutParams
 
 
 class RoundaboutConstraint(GiveWayConstraint):

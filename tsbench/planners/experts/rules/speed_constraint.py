@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import math
 
-from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.base import PlannerContext, Privilege
 from tsbench.planners.experts.rules.constraint import FREE, RuleConstraint, slow_to
 from tsbench.planners.geometry import HALF_LENGTH_M
+from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import RoadMap
 from tsbench.signs.annotations import SignInstance

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from tsbench.planners.base import Observation, PlannerContext, Privilege
+from tsbench.planners.base import PlannerContext, Privilege
 from tsbench.planners.experts.rules.constraint import slow_to
 from tsbench.planners.experts.rules.give_way_constraint import GiveWayConstraint
+from tsbench.planners.observation import Observation
 from tsbench.signs.annotations import SignInstance
 from tsbench.sim.navigation import RouteView
 
