@@ -19,7 +19,7 @@ from tsbench.metrics.scd import PARTS
 from tsbench.report.analyses.analysis import write_analysis
 from tsbench.report.analyses.run_analyses import OF_POOL, analyse_runs
 from tsbench.run.log.read import read_run
-from tsbench.run.log.schema import LATER
+from tsbench.run.log.record import LATER
 from tsbench.run.log.tables import file_hashes
 
 

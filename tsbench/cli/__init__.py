@@ -43,7 +43,7 @@ SECTIONS = {
     "Make the data": {
         "data": ("tsbench.cli.data:data", "The data that tsbench knows; fetch what is missing."),
         "city": ("tsbench.cli.city:city", "A data set of another city, from its OpenStreetMap extract."),
-        "seal": ("tsbench.cli.seal:seal", "A data set drawn with a secret, committed to before it is published."),
+        "seal": ("tsbench.cli.city:seal", "A data set drawn with a secret, committed to before it is published."),
         "maps": ("tsbench.cli.maps:maps", "From OpenStreetMap extracts to a pool of maps."),
         "scenarios": ("tsbench.cli.scenarios:scenarios", "Build, verify and look at scenarios."),
     },

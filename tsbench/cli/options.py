@@ -14,10 +14,9 @@ from tsbench.core.machine import own_cores
 from tsbench.core.paths import CITY, OWN_CITY, city_names, expanded, expanded_text
 from tsbench.episode.perception_level import EXACT
 from tsbench.planners.registry import names as registered
-from tsbench.run.arguments import Option as Known
-from tsbench.run.arguments import options_in
 from tsbench.run.log.manifest import city_of, read_manifest
-from tsbench.run.options import RunOptions
+from tsbench.run.options import Option as Known
+from tsbench.run.options import RunOptions, options_in
 from tsbench.run.plan import choose_types, types_and_groups
 from tsbench.scenarios.data_set import SPLITS, DataSet
 from tsbench.signs.countries import Country, load_country

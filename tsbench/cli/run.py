@@ -18,11 +18,10 @@ from tsbench.core.streams import progress_console
 from tsbench.report.analyses.analysis import markdown_notes, to_markdown
 from tsbench.report.analyses.run_analyses import run_tables
 from tsbench.report.run_ending import citation, examples, headline
-from tsbench.run.listener import listeners_of
+from tsbench.run.listener import ProgressWatcher, listeners_of
 from tsbench.run.log.folder import TABLES_TEXT
 from tsbench.run.log.read import StoredRun, read_run, write_rescored
 from tsbench.run.options import RunOptions
-from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import RunResult
 from tsbench.run.session import run as run_session
 from tsbench.scenarios.data_set import DataSet

@@ -20,9 +20,8 @@ from tsbench.metrics.aggregate import summarise
 from tsbench.planners.loading import import_attribute
 from tsbench.planners.planner_spec import PlannerSpec
 from tsbench.run.edition import LOCAL, code_stamps, contract_hash, edition_here, standing_contract
-from tsbench.run.execution.executor import Executor
 from tsbench.run.execution.local import make_executor
-from tsbench.run.execution.messages import ISOLATED, Setup, Task, TaskQueue
+from tsbench.run.execution.messages import ISOLATED, Executor, Setup, Task, TaskQueue
 from tsbench.run.listener import Listener, Started
 from tsbench.run.log.folder import RunFolder, check_folder
 from tsbench.run.log.journal import Journal

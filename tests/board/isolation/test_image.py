@@ -20,7 +20,7 @@ from tsbench.board.claim import claims_of
 from tsbench.board.isolation import image
 from tsbench.board.isolation.image import find_engine, run_arguments
 from tsbench.board.isolation.isolated_loading import describe
-from tsbench.board.isolation.planner_files import PlannerFiles
+from tsbench.board.isolation.sandbox_contents import PlannerFiles
 from tsbench.board.verification import verify
 from tsbench.core.errors import InputError
 from tsbench.run.log.tables import read_table

@@ -17,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tsbench.bridges.nuplan.states import StateSE2, TimePoint
-from tsbench.bridges.pdm.centerline import Centerline, Route
-from tsbench.bridges.pdm.proposals import STEP_S, STEPS, Others, Proposals, roll_out, stop
+from tsbench.bridges.pdm.proposals import STEP_S, STEPS, Centerline, Others, Proposals, Route, roll_out, stop
 from tsbench.geometry.polyline import Array
 
 _SIGHT_M = 60.0

@@ -34,8 +34,7 @@ from tsbench.metrics.metric import route_completion
 from tsbench.metrics.scd import is_scd
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Control, Observation
-from tsbench.run.arguments import switch, text, type_words, whole_number
-from tsbench.run.options import BOTH, VARIANTS, keywords
+from tsbench.run.options import BOTH, VARIANTS, keywords, switch, text, type_words, whole_number
 from tsbench.run.plan import choose_half, choose_types, choose_variants
 from tsbench.scenarios.data_set import SPLITS, DataSet
 from tsbench.scenarios.scene_loader import SceneLoader

@@ -14,8 +14,7 @@ from typing import Any
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, replacing, write_atomic
-from tsbench.run.log.record import Record
-from tsbench.run.log.schema import EPISODES, TIMING, VIOLATIONS
+from tsbench.run.log.record import EPISODES, TIMING, VIOLATIONS, Record
 
 JOURNAL = "journal.jsonl"
 Key = tuple[str, str]

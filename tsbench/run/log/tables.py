@@ -16,7 +16,7 @@ from tsbench.core.files import io_errors_as_input_errors, replacing, sha256_of
 from tsbench.core.parquet import OSM_LICENCE, VERSION_KEY, open_table
 from tsbench.metrics.episode_metrics import EPISODE_METRICS
 from tsbench.run.log.journal import Journal
-from tsbench.run.log.schema import LATER, SCHEMA_VERSION, TABLES
+from tsbench.run.log.record import LATER, SCHEMA_VERSION, TABLES
 
 _LATER = (*LATER, *(metric.column for metric in EPISODE_METRICS if metric.failure is None))
 # Episodes in one row group. Part of the format: another number gives other bytes.
