@@ -18,7 +18,7 @@ from tsbench.core.text import did_you_mean
 SECTIONS = {
     "Use": {
         "run": ("tsbench.cli.run:run", "Run planners on scenarios, or continue a run."),
-        "campaign": ("tsbench.cli.campaign:campaign", "Drive the runs that a file lists, with one table."),
+        "campaign": ("tsbench.cli.run:campaign", "Drive the runs that a file lists, with one table."),
         "compare": ("tsbench.cli.report:compare", "Compare planners, scenario by scenario."),
         "failures": ("tsbench.cli.report:failures", "List the episodes that failed, and why each did."),
         "report": ("tsbench.cli.report:report", "Write one HTML page about runs."),

@@ -24,7 +24,7 @@ from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.run.execution.messages import Limits
 from tsbench.run.listener import ProgressWatcher
-from tsbench.run.log.tables import read_table
+from tsbench.run.log.journal import read_table
 from tsbench.run.options import RunOptions
 from tsbench.run.session import run
 

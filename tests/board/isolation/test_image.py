@@ -23,7 +23,7 @@ from tsbench.board.isolation.isolated_loading import describe
 from tsbench.board.isolation.sandbox_contents import PlannerFiles
 from tsbench.board.verification import verify
 from tsbench.core.errors import InputError
-from tsbench.run.log.tables import read_table
+from tsbench.run.log.journal import read_table
 
 ROOT = Path(tsbench.__file__).parent.parent
 MINE = f"{ROOT}/examples/minimal_planner.py:Minimal"
