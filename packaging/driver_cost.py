@@ -15,8 +15,7 @@ from run_helpers import HERE
 
 from tsbench.episode.perception_level import EXACTLY
 from tsbench.run.edition import contract_hash
-from tsbench.run.execution.executor import Limits
-from tsbench.run.execution.messages import Setup, Task, TaskQueue
+from tsbench.run.execution.messages import Limits, Setup, Task, TaskQueue
 from tsbench.run.execution.ray import RayExecutor
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog

@@ -14,7 +14,7 @@ from command_line import in_process
 from test_docs_commands import wrong
 
 import tsbench
-from tsbench.cli.campaign import options_of, read_campaign
+from tsbench.cli.run import options_of, read_campaign
 from tsbench.core.paths import OWN_CITY
 from tsbench.episode.perception_level import EXACT
 from tsbench.run.edition import contract_hash, standing_contract

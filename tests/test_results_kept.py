@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import tsbench
-from tsbench.cli.campaign import read_campaign
+from tsbench.cli.run import read_campaign
 from tsbench.core.paths import OWN_CITY
 from tsbench.report.analyses.failures import CAUSES
 from tsbench.run.edition import (

@@ -11,7 +11,7 @@ import pytest
 from tsbench.episode import trace_columns
 from tsbench.learn.oracle import store as tries
 from tsbench.learn.oracle import trajectories
-from tsbench.run.log.schema import EPISODES, TIMING, VIOLATIONS
+from tsbench.run.log.record import EPISODES, TIMING, VIOLATIONS
 from tsbench.scenarios import certificates, data_set, map_pool, store
 
 PAGE = Path(__file__).resolve().parents[1] / "docs/reference/tables.md"

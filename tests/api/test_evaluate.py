@@ -16,8 +16,7 @@ import tsbench
 from tsbench.api.evaluate import spec_of
 from tsbench.cli.run import run as command
 from tsbench.core.errors import InputError
-from tsbench.run.arguments import from_python, number_of, type_words, whole_number
-from tsbench.run.options import RunOptions
+from tsbench.run.options import RunOptions, from_python, number_of, type_words, whole_number
 
 SCRIPT = """
 import tsbench

@@ -12,7 +12,7 @@ from once import made_once
 from submitted import TOWN, edition
 
 import tsbench
-from tsbench.board import submit
+from tsbench.board import claim
 from tsbench.board.submission import Submission
 from tsbench.run.log import read
 
@@ -44,7 +44,7 @@ def run(driven: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def make(run: Path, released: str) -> Callable[..., Submission]:
     def made(planner: str = "idm", **changes: object) -> Submission:
-        return submit.make_submission(run, planner, **{**WHO, **changes})  # type: ignore[arg-type]
+        return claim.make_submission(run, planner, **{**WHO, **changes})  # type: ignore[arg-type]
 
     return made
 
@@ -54,7 +54,7 @@ def honest(driven: Path) -> Callable[..., Submission]:
     """The submissions as the run makes them, made once, with fields of one's own."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(read, "edition_of", lambda *_: edition())
-        made = {name: submit.make_submission(driven, name, **WHO) for name in ("idm", "idm-e")}  # type: ignore[arg-type]
+        made = {name: claim.make_submission(driven, name, **WHO) for name in ("idm", "idm-e")}  # type: ignore[arg-type]
 
     def told(planner: str, **changes: object) -> Submission:
         return replace(made[planner], **changes)  # type: ignore[arg-type]

@@ -13,9 +13,8 @@ from forgeries import pass_all, slow_down
 from submitted import TOWN
 
 import tsbench
-from tsbench.board.claim import claim_of
+from tsbench.board.claim import claim_of, make_submission
 from tsbench.board.submission import Submission, episode_of, figures_of, json_schema, read_submission
-from tsbench.board.submit import make_submission
 from tsbench.core.errors import InputError
 from tsbench.core.parquet import OSM_LICENCE
 from tsbench.episode.perception_level import Perception, load_level

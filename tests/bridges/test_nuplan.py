@@ -19,8 +19,8 @@ from learned_scenes import Recorder, with_signs
 from planner_loop import load
 
 from tsbench.bridges.nuplan import NuPlanPlanner, StateSE2, TimePoint, TrackedObjectType, states
-from tsbench.bridges.nuplan.devkit import kit
 from tsbench.bridges.nuplan.nuplan_map import NuPlanMap
+from tsbench.bridges.nuplan.nuplan_planner import kit
 from tsbench.bridges.nuplan.states import SemanticMapLayer
 from tsbench.core.errors import InputError
 from tsbench.episode.runner import EpisodeRunner

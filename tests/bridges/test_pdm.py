@@ -11,10 +11,8 @@ from learned_scenes import Recorder
 from tsbench.bridges.nuplan import TrackedObjectType
 from tsbench.bridges.nuplan.nuplan_map import NuPlanMap
 from tsbench.bridges.nuplan.states import Agent, OrientedBox, SceneObjectMetadata, StateSE2, StateVector2D
-from tsbench.bridges.pdm import Pdm
-from tsbench.bridges.pdm.centerline import Centerline, Route
-from tsbench.bridges.pdm.pdm_planner import forecast, score
-from tsbench.bridges.pdm.proposals import OFFSETS_M, SHARES, STEPS, Proposals, roll_out, stop
+from tsbench.bridges.pdm import Pdm, forecast, score
+from tsbench.bridges.pdm_proposals import OFFSETS_M, SHARES, STEPS, Centerline, Proposals, Route, roll_out, stop
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.scenarios.data_set import DataSet

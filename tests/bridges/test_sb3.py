@@ -15,8 +15,8 @@ import pytest
 from gymnasium import spaces
 from gymnasium.spaces.utils import flatten
 
+from tsbench.bridges.sb3 import Sb3Planner, _loaded
 from tsbench.bridges.sb3.convert import convert
-from tsbench.bridges.sb3.sb3_planner import Sb3Planner, _loaded
 from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.episode.runner import EpisodeRunner

@@ -14,9 +14,9 @@ from run_builders import CONTRACT, episode, episodes, failed, lost, make_run
 
 from tsbench.report.analyses import columns
 from tsbench.report.analyses.analysis import ALL, write_analysis
-from tsbench.report.analyses.correlations import metric_mean
 from tsbench.report.analyses.run_analyses import analyse_runs
 from tsbench.report.analyses.run_pool import read_pool
+from tsbench.report.analyses.scd_statistics import metric_mean
 from tsbench.signs.catalog import load_catalog
 
 KINDS = ("main", "types", "intervals", "failures", "correlations", "ablation")
@@ -192,8 +192,8 @@ def test_means_by_group_are_those_of_the_summary(tmp_path: Path) -> None:
         for metric in ("driving_score", "collision", "comfort", "mean_speed"):
             figure = p.metrics[metric]
             strict = figure.completed if figure.strict is None else figure.strict
-            assert metric_mean(pool, p.planner, ALL, metric, "strict") == pytest.approx(strict.value)
-            completed = metric_mean(pool, p.planner, ALL, metric, "completed")
+            assert metric_mean(pool.records[p.planner], ALL, metric, "strict") == pytest.approx(strict.value)
+            completed = metric_mean(pool.records[p.planner], ALL, metric, "completed")
             assert completed == pytest.approx(figure.completed.value)
 
 

@@ -18,9 +18,9 @@ from run_builders import episode, episodes, failed, lost, make_run, pairs
 from tsbench.metrics.scd import CONTRASTED, PAIRED, SIGNED_ONES
 from tsbench.report.analyses.analysis import write_analysis
 from tsbench.report.analyses.run_analyses import OF_POOL, analyse_runs
+from tsbench.run.log.journal import file_hashes
 from tsbench.run.log.read import read_run
-from tsbench.run.log.schema import LATER
-from tsbench.run.log.tables import file_hashes
+from tsbench.run.log.record import LATER
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from command_line import in_process, refused
 from patience import HANG_S
 
 from tsbench.cli import cli
-from tsbench.run.log.schema import EPISODES
+from tsbench.run.log.record import EPISODES
 
 MAIN = "from tsbench.cli import main; main()"
 

@@ -25,7 +25,7 @@ from patience import HANG_S
 
 import tsbench.cli
 import tsbench.cli.run as command
-from tsbench.run.execution.executor import Limits
+from tsbench.run.execution.messages import Limits
 from tsbench.run.log.journal import Journal
 from tsbench.run.options import RunOptions
 

@@ -12,9 +12,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from tsbench.episode.perception_level import load_level
+from tsbench.run.log.journal import file_hashes
 from tsbench.run.log.manifest import new_manifest
-from tsbench.run.log.schema import EPISODES, LATER, SCHEMA_VERSION, TABLES
-from tsbench.run.log.tables import file_hashes
+from tsbench.run.log.record import EPISODES, LATER, SCHEMA_VERSION, TABLES
 from tsbench.run.planner_info import PlannerInfo
 
 CONTRACT = "c0ffee" * 10 + "beef"

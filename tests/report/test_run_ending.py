@@ -11,7 +11,7 @@ from run_builders import episode, failed, lost, make_run, pairs
 from tsbench.report.analyses.run_pool import read_pool
 from tsbench.report.run_ending import GROUPINGS, citation, examples, failures_of, headline, listing
 from tsbench.run.log.read import StoredRun, read_run
-from tsbench.run.log.schema import VIOLATIONS
+from tsbench.run.log.record import VIOLATIONS
 
 
 def event(scenario: str, clause: str, sentence: str) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import pytest
 from patience import HANG_S
 from run_helpers import Bench, assert_gone, workers_of
 
-from tsbench.run.log.tables import read_table
+from tsbench.run.log.journal import read_table
 from tsbench.scenarios.data_set import read_table as read_scenarios
 from tsbench.scenarios.data_set import write_table
 

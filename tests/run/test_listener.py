@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import io
 import json
 import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from rich.console import Console
 from run_helpers import Bench
 
 from tsbench.core.errors import InputError
-from tsbench.run.listener import make_listener
+from tsbench.run import listener as progress
+from tsbench.run.listener import ProgressWatcher, make_listener
+from tsbench.run.log.record import Row
 
 MINE = """
 from pathlib import Path
@@ -139,3 +143,32 @@ def test_a_tracker_is_told_of_the_run(bench: Bench, name: str, stub: str, tracke
     figures = {key: value for kind, key, *value in rest if kind == "end"}
     assert figures["signed_scd/Good"] == [logged[-1][1]]
     assert rest[-1] == ["finish", end]
+
+
+def row(pair: str | None, passed: bool) -> Row:
+    """A row; None: of a collection, which has no pairs."""
+    told = {"planner": "idm", "pair_id": pair, "scd": passed}
+    return {key: value for key, value in told.items() if value is not None}
+
+
+@pytest.mark.parametrize(
+    ("rows", "told"),
+    [
+        ([("a", True), ("b", False)], "idm SCD 50.0 %"),
+        ([("", True), ("", True)], "idm SCD 100.0 %"),
+        ([(None, True), (None, True)], "idm SCD 100.0 %"),
+        ([("a", True), ("b", True), ("a", False)], "idm paired SCD 0.0 %"),
+        ([("a", True), ("b", True), ("a", False), ("b", True)], "idm paired SCD 50.0 %"),
+    ],
+)
+def test_pairs_count_once_both_halves_are_driven(
+    rows: list[tuple[str | None, bool]], told: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(progress, "LINE_EVERY_S", 0.0)
+    shown = io.StringIO()
+    watcher = ProgressWatcher(Console(file=shown))
+    watcher.begin({"idm": 4}, [row(*one) for one in rows[:1]])
+    for one in rows[1:]:
+        watcher.episode(row(*one))
+    watcher.end()
+    assert shown.getvalue().splitlines()[-1].endswith(told)

@@ -19,7 +19,7 @@ import pytest
 from patience import HANG_S
 from run_helpers import ROOT, Bench, assert_gone, workers_of
 
-from tsbench.run.log.tables import read_table
+from tsbench.run.log.journal import read_table
 
 FIRST = int(os.environ.get("TSBENCH_TORTURE_SEED", "1000"))
 THREE = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(3)]

@@ -12,10 +12,8 @@ from tsbench.api.loaded_run import Run
 from tsbench.core.errors import InputError
 from tsbench.core.paths import expanded_text
 from tsbench.core.streams import progress_console
-from tsbench.run.arguments import TOML, from_python, options_in, toml_section
-from tsbench.run.listener import listeners_of
-from tsbench.run.options import RunOptions, keywords
-from tsbench.run.run_progress import ProgressWatcher
+from tsbench.run.listener import ProgressWatcher, listeners_of
+from tsbench.run.options import TOML, RunOptions, from_python, keywords, options_in, toml_section
 from tsbench.run.session import run
 from tsbench.scenarios.data_set import DataSet
 

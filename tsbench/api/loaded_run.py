@@ -11,11 +11,10 @@ from tsbench.api.figure_frames import comparison_frame, episodes_frame, flips_fr
 from tsbench.core.errors import InputError, load
 from tsbench.metrics.aggregate import summarise
 from tsbench.report.compare_runs import match, side_of
-from tsbench.run.arguments import path_of
+from tsbench.run.log.journal import read_table
 from tsbench.run.log.manifest import marks_of
 from tsbench.run.log.read import read_run
-from tsbench.run.log.tables import read_table
-from tsbench.run.options import keywords
+from tsbench.run.options import keywords, path_of
 from tsbench.run.run_traces import Traces
 
 if TYPE_CHECKING:

@@ -8,8 +8,7 @@ from functools import cached_property
 
 from tsbench.core.errors import InputError, load
 from tsbench.roads.road_map import RoadMap
-from tsbench.run.arguments import text, type_words
-from tsbench.run.options import keywords
+from tsbench.run.options import keywords, text, type_words
 from tsbench.run.plan import choose_types
 from tsbench.scenarios.data_set import SPLITS, DataSet
 from tsbench.scenarios.scene_loader import Roads, SceneLoader

@@ -14,9 +14,8 @@ from tsbench.episode.trace import Trace
 from tsbench.report.drawing.paint import png_bytes
 from tsbench.report.page.report_page import episode_page
 from tsbench.report.scene_pictures import moment
-from tsbench.run.arguments import path_of
 from tsbench.run.log.read import StoredRun
-from tsbench.run.options import keywords
+from tsbench.run.options import keywords, path_of
 from tsbench.scenarios.scene_loader import load_scene
 
 _HEIGHT_PX = 720

@@ -1,4 +1,7 @@
-"""What can be driven again: a submission, or the records of a planner in a run folder."""
+"""From a run to a submission, and what can be driven again: a submission, or a planner's records in a run folder.
+
+A submission is made after all checks that need no second drive.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +12,7 @@ from typing import Any
 
 from tsbench.board.submission import (
     Figure,
+    Submission,
     SubmittedEpisode,
     episode_of,
     fault_of_arithmetic,
@@ -17,14 +21,107 @@ from tsbench.board.submission import (
     fault_of_lines,
     fault_of_place,
     fault_of_planner,
+    fault_of_words,
+    figures_of,
     read_submission,
 )
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
-from tsbench.episode.perception_level import Perception
-from tsbench.run.log.manifest import city_of, planners_of
+from tsbench.episode.perception_level import EXACTLY, Perception, PerceptionLevel
+from tsbench.episode.trace import trace_path
+from tsbench.run.edition import LOCAL
+from tsbench.run.log.manifest import city_of, plain_perception, planners_of
 from tsbench.run.log.read import StoredRun, read_run
+from tsbench.run.options import BOTH
 from tsbench.run.planner_info import PlannerInfo
+from tsbench.run.rescore import rescore
+
+# What a row of the leaderboard is of: everything, as the planner is.
+_WHOLE = {"variants": "all", "half": BOTH, "limit": None, **plain_perception(EXACTLY)}
+_SHOWN = 3
+
+
+def make_submission(
+    folder: Path,
+    planner: str | None,
+    *,
+    title: str,
+    authors: str,
+    url: str,
+    note: str,
+    third_party: bool,
+    shared_process: bool = False,
+) -> Submission:
+    """The submission of a planner's run. planner: its name in the records, None where the run has one only.
+    shared_process: take a run whose planner shared the referee's process, which the row then says.
+
+    Raises InputError: the run is not complete or not of a whole split, was changed, was not isolated, is of no released
+    contract, or does not agree with its traces.
+    """
+    if fault := fault_of_words({"title": title, "authors": authors, "url": url, "note": note}):
+        raise InputError(f"--{fault}")
+    run = read_run(folder)
+    info = _planner(run, planner)
+    _check(run, info)
+    if not shared_process and run.manifest.get("isolation", {}).get(info.name) is None:
+        raise InputError(
+            f"{folder}: {info.name} shared the referee's process: drive it with --isolate (or submit it with "
+            "--shared-process: its row says so)"
+        )
+    split = str(run.manifest["effective"]["split"])
+    table = run.data.table(split)
+    judged = rescore(folder)
+    if judged.contract != run.contract:
+        raise InputError(f"{folder}: {judged.note}: submit with the tsbench and the data that drove it")
+    if judged.disagreements:
+        shown = "; ".join(judged.disagreements[:_SHOWN])
+        raise InputError(f"{folder}: {len(judged.disagreements)} disagreements with its own traces: {shown}")
+    episodes = episodes_of(run, info, events_of(run))
+    m = run.manifest
+    return Submission(
+        title=title or info.name, authors=authors, url=url, note=note, third_party=third_party,
+        tsbench=str(m["versions"]["tsbench"]), edition=run.edition, contract=run.contract, city=city_of(m),
+        split=split, planner=info, device=str(m["effective"]["device"]), finished=str(m["finished"]),
+        arithmetic=m["arithmetic"], versions=m["versions"], machine=m["machine"], git=m["git"],
+        rescored=sum(trace_path(folder, info.name, one.scenario_id).is_file() for one in episodes),
+        isolation=m.get("isolation", {}).get(info.name), perception=_level(run),
+        figures=figures_of(episodes, table, info, run.contract), episodes=episodes,
+    )  # fmt: skip
+
+
+def _level(run: StoredRun) -> PerceptionLevel | None:
+    """How plates reached its planners. Raises InputError for a level under the name of one of tsbench's."""
+    level = run.perception.level
+    if fault := fault_of_level(level):
+        raise InputError(f"{run.path}: {fault}: drive it with a file of another name")
+    return level
+
+
+def _planner(run: StoredRun, name: str | None) -> PlannerInfo:
+    found = [info for info in planners_of(run.manifest) if name in (None, info.name)]
+    names = ", ".join(info.name for info in planners_of(run.manifest))
+    if name is None and len(found) > 1:
+        raise InputError(f"{run.path}: several planners: name one with --planner ({names})")
+    if not found:
+        raise InputError(f"{run.path}: no planner {name}; there are {names}")
+    return found[0]
+
+
+def _check(run: StoredRun, info: PlannerInfo) -> None:
+    """Is it a run that a row may be made of? Raises InputError with what to do."""
+    effective, status = run.manifest["effective"], run.manifest["status"]
+    if fault := fault_of_planner(info):
+        raise InputError(f"{run.path}: {fault}: rename it and drive it again")
+    if status != "complete" or run.holes(info.name):
+        raise InputError(f"{run.path}: {run.holes(info.name)} episodes are missing: the same command continues it")
+    for key, wanted in _WHOLE.items():
+        if effective.get(key) != wanted:
+            raise InputError(f"{run.path}: {key} is {effective.get(key)}: a submission is of a whole split")
+    if run.edition.endswith(LOCAL):
+        raise InputError(
+            f"{run.path}: edition {run.edition}: code or data were changed since the release: drive it with what was "
+            "released"
+        )
 
 
 @dataclass(frozen=True)

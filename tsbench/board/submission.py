@@ -31,8 +31,7 @@ from tsbench.metrics.aggregate import summarise
 from tsbench.metrics.episode_metrics import EPISODE_METRICS
 from tsbench.metrics.scd import SCD
 from tsbench.planners.base import DEVICES
-from tsbench.run.log.record import Row, head_row
-from tsbench.run.log.schema import EPISODES
+from tsbench.run.log.record import EPISODES, Row, head_row
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.data_set import SPLITS
 from tsbench.scenarios.spec import ScenarioSpec

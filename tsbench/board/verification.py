@@ -23,9 +23,8 @@ from tsbench.core.typed import typed
 from tsbench.planners.planner_spec import PlannerSpec
 from tsbench.run import arithmetic
 from tsbench.run.edition import LOCAL, code_is_local, contract_now, edition_of, standing_contract
-from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import make_executor
-from tsbench.run.execution.messages import ISOLATED, Setup, Task, TaskQueue
+from tsbench.run.execution.messages import ISOLATED, Limits, Setup, Task, TaskQueue
 from tsbench.run.log.manifest import machine
 from tsbench.run.log.record import Record
 from tsbench.run.planner_info import PlannerInfo
@@ -39,7 +38,6 @@ _DIGITS = 6
 # `idm-e`.
 _HIGH_SHARE = 0.25
 _SHOWN = 5
-# Programs, and planners in images.
 
 
 class ClaimVerdict(StrEnum):

@@ -18,7 +18,7 @@ from tsbench.core.text import did_you_mean
 SECTIONS = {
     "Use": {
         "run": ("tsbench.cli.run:run", "Run planners on scenarios, or continue a run."),
-        "campaign": ("tsbench.cli.campaign:campaign", "Drive the runs that a file lists, with one table."),
+        "campaign": ("tsbench.cli.run:campaign", "Drive the runs that a file lists, with one table."),
         "compare": ("tsbench.cli.report:compare", "Compare planners, scenario by scenario."),
         "failures": ("tsbench.cli.report:failures", "List the episodes that failed, and why each did."),
         "report": ("tsbench.cli.report:report", "Write one HTML page about runs."),
@@ -43,7 +43,7 @@ SECTIONS = {
     "Make the data": {
         "data": ("tsbench.cli.data:data", "The data that tsbench knows; fetch what is missing."),
         "city": ("tsbench.cli.city:city", "A data set of another city, from its OpenStreetMap extract."),
-        "seal": ("tsbench.cli.seal:seal", "A data set drawn with a secret, committed to before it is published."),
+        "seal": ("tsbench.cli.city:seal", "A data set drawn with a secret, committed to before it is published."),
         "maps": ("tsbench.cli.maps:maps", "From OpenStreetMap extracts to a pool of maps."),
         "scenarios": ("tsbench.cli.scenarios:scenarios", "Build, verify and look at scenarios."),
     },

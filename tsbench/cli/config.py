@@ -11,7 +11,7 @@ import click
 from click.core import ParameterSource
 
 from tsbench.core.errors import InputError
-from tsbench.run.arguments import TOML, toml_section
+from tsbench.run.options import TOML, toml_section
 
 # What is judged here may come with a file of its own.
 _TAKE_NOTHING = ("submit", "verify", "leaderboard")

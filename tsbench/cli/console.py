@@ -17,7 +17,7 @@ from rich.table import Table
 from tsbench.core.streams import progress_console
 from tsbench.core.text import written_out
 from tsbench.report.analyses.analysis import Analysis, print_analysis, write_analysis
-from tsbench.run.run_progress import LINE_EVERY_S
+from tsbench.run.listener import LINE_EVERY_S
 
 _LOG_WIDTH = 160
 

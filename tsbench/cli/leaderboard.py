@@ -11,9 +11,8 @@ from urllib.parse import quote
 import click
 from rich.progress import Progress
 
-from tsbench.board.claim import claim_of, claims_of
+from tsbench.board.claim import claim_of, claims_of, make_submission
 from tsbench.board.submission import json_schema
-from tsbench.board.submit import make_submission
 from tsbench.board.verification import ClaimVerdict, Verification
 from tsbench.board.verification import verify as run_verify
 from tsbench.cli import EXIT_FAILED, EXIT_NOT_COMPARABLE, options

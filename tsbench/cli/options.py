@@ -14,10 +14,9 @@ from tsbench.core.machine import own_cores
 from tsbench.core.paths import CITY, OWN_CITY, city_names, expanded, expanded_text
 from tsbench.episode.perception_level import EXACT
 from tsbench.planners.registry import names as registered
-from tsbench.run.arguments import Option as Known
-from tsbench.run.arguments import options_in
 from tsbench.run.log.manifest import city_of, read_manifest
-from tsbench.run.options import RunOptions
+from tsbench.run.options import Option as Known
+from tsbench.run.options import RunOptions, options_in
 from tsbench.run.plan import choose_types, types_and_groups
 from tsbench.scenarios.data_set import SPLITS, DataSet
 from tsbench.signs.countries import Country, load_country
@@ -78,13 +77,9 @@ registered_names = completed(registered)
 scenario_ids = completed_of(lambda data: (row.scenario_id for row in rows_of(data, None)))
 
 
-def words_of(text: str) -> tuple[str, ...]:
-    """What stands between commas, such as type ids and groups."""
-    return tuple(word.strip() for word in text.split(",") if word.strip())
-
-
 def _words(context: click.Context, parameter: click.Parameter, texts: tuple[str, ...]) -> tuple[str, ...]:
-    words = words_of(",".join(texts))
+    """What stands between commas, such as type ids and groups."""
+    words = tuple(word.strip() for word in ",".join(texts).split(",") if word.strip())
     if texts and not words:
         raise click.BadParameter("names no type; leave it out for all", context, parameter)
     return words
@@ -138,9 +133,9 @@ def png(help: str) -> Option:
     return click.option("--png", type=FILE, metavar="FILE", help=help)
 
 
-def count(*names: str, default: int, help: str, least: int = 1, most: int | None = None, metavar: str = "N") -> Option:
+def count(*names: str, default: int, help: str, least: int = 1, most: int | None = None) -> Option:
     kind = click.IntRange(least, most)
-    return click.option(*names, type=kind, default=default, show_default=True, metavar=metavar, help=help)
+    return click.option(*names, type=kind, default=default, show_default=True, metavar="N", help=help)
 
 
 def choice(name: str, values: Sequence[str], default: str, help: str | None = None) -> Option:

@@ -20,8 +20,8 @@ from tsbench.learn.oracle.select import select as select_drives
 from tsbench.learn.oracle.select import stats as stats_of
 from tsbench.learn.oracle.select import verify as verify_drives
 from tsbench.learn.oracle.trajectories import trajectories_path
+from tsbench.run.listener import ProgressWatcher
 from tsbench.run.options import RunOptions
-from tsbench.run.run_progress import ProgressWatcher
 from tsbench.scenarios.data_set import DataSet
 
 _FOLDER = "runs/oracle"

@@ -21,10 +21,9 @@ from tsbench.metrics.aggregate import summarise
 from tsbench.rules.monitors import make_monitors
 from tsbench.run.edition import contract_now, standing_contract
 from tsbench.run.log.folder import SUMMARY
-from tsbench.run.log.journal import Key
+from tsbench.run.log.journal import Key, read_table
 from tsbench.run.log.manifest import Manifest, city_of, marks_of, planners_of, read_manifest
 from tsbench.run.log.record import Row, same_value, score
-from tsbench.run.log.tables import read_table
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import Roads, SceneLoader
 from tsbench.sim.ego import Motion, advance, start_motion

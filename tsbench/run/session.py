@@ -19,15 +19,13 @@ from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import summarise
 from tsbench.planners.planner_spec import PlannerSpec, import_attribute
 from tsbench.run.edition import LOCAL, code_stamps, contract_hash, edition_here, standing_contract
-from tsbench.run.execution.executor import Executor
 from tsbench.run.execution.local import make_executor
-from tsbench.run.execution.messages import ISOLATED, Setup, Task, TaskQueue
+from tsbench.run.execution.messages import ISOLATED, Executor, Setup, Task, TaskQueue
 from tsbench.run.listener import Listener, Started
 from tsbench.run.log.folder import RunFolder, check_folder
-from tsbench.run.log.journal import Journal
+from tsbench.run.log.journal import Journal, read_table, write_tables
 from tsbench.run.log.manifest import marks_of, new_manifest, planners_of
 from tsbench.run.log.record import Record, Row
-from tsbench.run.log.tables import read_table, write_tables
 from tsbench.run.opened_files import what_is_unseen
 from tsbench.run.options import RunOptions
 from tsbench.run.plan import make_plan

@@ -18,7 +18,7 @@ from tsbench.board.submission import SubmittedEpisode, episode_of
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
 from tsbench.planners import registry
-from tsbench.run.log.tables import read_table
+from tsbench.run.log.journal import read_table
 from tsbench.run.planner_info import code_hash_of
 from tsbench.run.planner_info import describe as describe_here
 

@@ -22,10 +22,10 @@ from tsbench.board.isolation.isolated_loading import describe
 from tsbench.board.isolation.protocol import EndMessage, frame
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
-from tsbench.run.execution.executor import Limits
-from tsbench.run.log.tables import read_table
+from tsbench.run.execution.messages import Limits
+from tsbench.run.listener import ProgressWatcher
+from tsbench.run.log.journal import read_table
 from tsbench.run.options import RunOptions
-from tsbench.run.run_progress import ProgressWatcher
 from tsbench.run.session import run
 
 FILE = Path(hostile.__file__)

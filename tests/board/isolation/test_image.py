@@ -20,10 +20,10 @@ from tsbench.board.claim import claims_of
 from tsbench.board.isolation import image
 from tsbench.board.isolation.image import find_engine, run_arguments
 from tsbench.board.isolation.isolated_loading import describe
-from tsbench.board.isolation.planner_files import PlannerFiles
+from tsbench.board.isolation.sandbox_contents import PlannerFiles
 from tsbench.board.verification import verify
 from tsbench.core.errors import InputError
-from tsbench.run.log.tables import read_table
+from tsbench.run.log.journal import read_table
 
 ROOT = Path(tsbench.__file__).parent.parent
 MINE = f"{ROOT}/examples/minimal_planner.py:Minimal"

@@ -15,7 +15,7 @@ import pytest
 from patience import HANG_S
 
 from tsbench.board.isolation import isolated_loading as loading
-from tsbench.board.isolation import process, system_calls
+from tsbench.board.isolation import kernel_limits, process
 from tsbench.board.isolation.protocol import VERSION, Answer, DoneMessage, EndMessage, HelloMessage, frame
 
 FILE = Path(leaving.__file__)
@@ -179,8 +179,8 @@ def verdict(program: bytes, machine: str, number: int, arguments: tuple[int, ...
 def test_a_process_changes_its_own_state_and_no_other_s(
     call: str, numbers: dict[str, int], own: Any, other: Any, machine: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(system_calls.platform, "machine", lambda: machine)
-    program = system_calls.call_filter()
+    monkeypatch.setattr(kernel_limits.platform, "machine", lambda: machine)
+    program = kernel_limits.call_filter()
     if own is not None:
         assert verdict(program, machine, numbers[machine], own) == ALLOWED, call
     if other is not None:

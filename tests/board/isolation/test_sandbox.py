@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 from patience import HANG_S, eventually
 
-from tsbench.board.isolation import sandbox, system_calls
+from tsbench.board.isolation import kernel_limits, sandbox
 from tsbench.board.isolation.isolated_loading import describe
 from tsbench.board.isolation.process import Printed
-from tsbench.board.isolation.sandbox_paths import covered
+from tsbench.board.isolation.sandbox_contents import covered
 from tsbench.core.errors import InputError
 
 # Says what it finds where its process can say it.
@@ -238,7 +238,7 @@ def test_without_bubblewrap_a_line_says_what_to_install(monkeypatch: pytest.Monk
 
 
 def test_on_a_machine_whose_calls_are_not_known_nothing_is_driven(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(system_calls.platform, "machine", lambda: "riscv64")
+    monkeypatch.setattr(kernel_limits.platform, "machine", lambda: "riscv64")
     with pytest.raises(InputError, match="is for x86_64 and aarch64, and this is riscv64"):
         describe("idm")
 

@@ -19,8 +19,8 @@ from tsbench.planners.experts.expert import Expert
 from tsbench.planners.idm import Idm
 from tsbench.planners.observation import Observation
 from tsbench.planners.registry import names, resolve
+from tsbench.run.listener import ProgressWatcher
 from tsbench.run.options import RunOptions
-from tsbench.run.run_progress import ProgressWatcher
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec

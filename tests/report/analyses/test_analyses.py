@@ -31,7 +31,7 @@ from tsbench.report.analyses.columns import (
     published_scd,
     without_experts,
 )
-from tsbench.report.analyses.correlations import spearman
+from tsbench.report.analyses.scd_statistics import spearman
 
 HOSTILE = r"50%_of {my}\planner & <b>$x^2$ #1|~"
 

@@ -30,7 +30,7 @@ from tsbench.report.page import report_server as serving
 from tsbench.report.page.episode_player import EpisodePacker
 from tsbench.report.page.report_server import make_server, runs_below
 from tsbench.run.log.journal import JOURNAL, encode
-from tsbench.run.log.schema import TABLES, TIMING
+from tsbench.run.log.record import TABLES, TIMING
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -16,12 +16,12 @@ from run_helpers import HERE, Bench, specs
 from tsbench.core.paths import data_root
 from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.run.edition import contract_hash
-from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.messages import (
     TO_RUN,
     TO_WORKER,
     Finished,
     FolderFailed,
+    Limits,
     Probe,
     Probed,
     Ready,

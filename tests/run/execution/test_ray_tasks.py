@@ -11,8 +11,7 @@ from run_helpers import specs
 
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.perception_level import EXACTLY
-from tsbench.run.execution.executor import Limits
-from tsbench.run.execution.messages import Finished, Setup, Task, TaskQueue, decode, encode
+from tsbench.run.execution.messages import Finished, Limits, Setup, Task, TaskQueue, decode, encode
 from tsbench.run.log.record import Record, error_row, lost_timing
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.data_set import DataSet

@@ -12,8 +12,8 @@ from patience import HANG_S
 from run_helpers import Bench
 
 from tsbench.core.errors import InputError
-from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import Pool
+from tsbench.run.execution.messages import Limits
 
 BAD_SCENARIO = "speed_limit-000-7"
 TOO_LATE = "one call of the planner took more than 4 s of processor time, or 4 s in all"

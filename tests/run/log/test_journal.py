@@ -12,8 +12,7 @@ from run_helpers import specs
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.run.log.journal import Journal, Quarantine, decode, encode
-from tsbench.run.log.record import Record, error_row, lost_timing
-from tsbench.run.log.schema import VIOLATIONS
+from tsbench.run.log.record import VIOLATIONS, Record, error_row, lost_timing
 
 EVENT = {**dict.fromkeys(VIOLATIONS.names), "number": 0, "x": 0.1 + 0.2}
 KEYS = [("idm", row.scenario_id) for row in specs()]

@@ -12,10 +12,8 @@ from run_helpers import episode_builders, specs
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.metrics.episode_metrics import EPISODE_METRICS
-from tsbench.run.log.journal import Journal, Quarantine
-from tsbench.run.log.record import last_seconds, make_record
-from tsbench.run.log.schema import EPISODES, TABLES
-from tsbench.run.log.tables import read_table, write_tables
+from tsbench.run.log.journal import Journal, Quarantine, read_table, write_tables
+from tsbench.run.log.record import EPISODES, TABLES, last_seconds, make_record
 
 
 def result(spec=None, **other):

@@ -13,9 +13,15 @@ from pathlib import Path
 from tempfile import gettempdir
 from typing import Any, Final
 
-from tsbench.board.isolation.planner_files import PlannerFiles
 from tsbench.board.isolation.sandbox import asked
-from tsbench.board.isolation.sandbox_paths import LIMITS, MEMORY_BYTES, SCRATCH_MB, arithmetic, command_of
+from tsbench.board.isolation.sandbox_contents import (
+    LIMITS,
+    MEMORY_BYTES,
+    SCRATCH_MB,
+    PlannerFiles,
+    arithmetic,
+    command_of,
+)
 from tsbench.core.errors import InputError
 from tsbench.planners.planner_spec import PlannerSpec
 from tsbench.planners.registry import source_of

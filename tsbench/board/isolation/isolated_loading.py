@@ -7,8 +7,8 @@ from functools import cache
 from pathlib import Path
 
 import tsbench
-from tsbench.board.isolation.planner_files import PlannerFiles
 from tsbench.board.isolation.process import IsolatedPlanner, PlannerProcess
+from tsbench.board.isolation.sandbox_contents import PlannerFiles
 from tsbench.core.errors import InputError
 from tsbench.core.files import sha256_of
 from tsbench.core.paths import expanded

@@ -17,9 +17,9 @@ from typing import Any, Final
 from tsbench.board.isolation import protocol
 from tsbench.board.isolation.episode_messages import Encoder, read_command
 from tsbench.board.isolation.image import Container
-from tsbench.board.isolation.planner_files import PlannerFiles
 from tsbench.board.isolation.protocol import ProtocolError
 from tsbench.board.isolation.sandbox import Sandbox
+from tsbench.board.isolation.sandbox_contents import PlannerFiles
 from tsbench.core.errors import InputError, PlannerOutputError
 from tsbench.core.machine import cause_of_end
 from tsbench.core.text import fault_in_texts, one_line, written_out
@@ -32,7 +32,7 @@ _LAST_S = 5.0
 # Between two episodes: long before its processor time is used up.
 _MOST_EPISODES = 500
 _TEXT_BYTES = 500
-# Wall-clock limits. A worker of a run is ended long before (`execution.executor.Limits`); others have no watcher.
+# Wall-clock limits. A worker of a run is ended long before (`execution.messages.Limits`); others have no watcher.
 _START_S, _ANSWER_S = 600.0, 300.0
 
 

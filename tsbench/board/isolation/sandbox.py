@@ -20,18 +20,17 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from tsbench.board.isolation.control_group import ControlGroup
-from tsbench.board.isolation.planner_files import PlannerFiles
-from tsbench.board.isolation.sandbox_paths import (
+from tsbench.board.isolation.kernel_limits import ControlGroup, call_filter
+from tsbench.board.isolation.sandbox_contents import (
     LIMITS,
     MEMORY_BYTES,
     SCRATCH_MB,
+    PlannerFiles,
     binds_of,
     command_of,
     covered,
     environment_of,
 )
-from tsbench.board.isolation.system_calls import call_filter
 from tsbench.core.errors import InputError
 from tsbench.core.text import one_line
 

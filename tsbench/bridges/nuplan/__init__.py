@@ -5,8 +5,7 @@ Names of its classes (`StateSE2`, `TrackedObjectType`) are here, too: its own wh
 
 from typing import Any
 
-from tsbench.bridges.nuplan.devkit import kit
-from tsbench.bridges.nuplan.nuplan_planner import NuPlanPlanner, adapted
+from tsbench.bridges.nuplan.nuplan_planner import NuPlanPlanner, adapted, kit
 
 __all__ = ["NuPlanPlanner", "adapted"]
 

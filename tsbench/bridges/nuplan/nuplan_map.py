@@ -2,8 +2,8 @@
 
 A roadblock is an edge, a lane connector the path of a connection through a junction; a roadblock connector holds all
 connectors from one edge to another and is called "SOURCE>TARGET". Layers are known by their names (`layer.name`), so
-any enum with these names will do. Names follow nuplan-devkit 1.2 (`nuplan.common.maps`), where `devkit.kit` registers
-these classes as subclasses of the abstract ones; those of classes, too, because some planners ask for them.
+any enum with these names will do. Names follow nuplan-devkit 1.2 (`nuplan.common.maps`), where `nuplan_planner.kit`
+registers these classes as subclasses of the abstract ones; those of classes, too, because some planners ask for them.
 """
 
 from __future__ import annotations

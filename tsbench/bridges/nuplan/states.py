@@ -1,7 +1,7 @@
 """Stand-ins for what nuPlan's planners are told of cars, where nuplan-devkit is not installed; units: m, s, rad, us.
 
 Names, arguments and meanings are those of nuplan-devkit 1.2 (`nuplan.common.actor_state`, `.planning.simulation`), as
-far as planners use them, so both are made by the same calls (`devkit.py`).
+far as planners use them, so both are made by the same calls (`nuplan_planner.py`).
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from tsbench.bridges.sb3.sb3_planner import READING, RELU, SCALED, TANH, WEIGHTS, mlp
+from tsbench.bridges.sb3 import READING, RELU, SCALED, TANH, WEIGHTS, mlp
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.learn.envs.seen_tables import KINDS

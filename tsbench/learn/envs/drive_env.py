@@ -35,8 +35,7 @@ from tsbench.metrics.scd import is_scd
 from tsbench.metrics.tracks import tracks_of
 from tsbench.planners.base import Control
 from tsbench.planners.observation import Observation
-from tsbench.run.arguments import switch, text, type_words, whole_number
-from tsbench.run.options import BOTH, VARIANTS, keywords
+from tsbench.run.options import BOTH, VARIANTS, keywords, switch, text, type_words, whole_number
 from tsbench.run.plan import choose_half, choose_types, choose_variants
 from tsbench.scenarios.data_set import SPLITS, DataSet
 from tsbench.scenarios.scene_loader import SceneLoader

@@ -14,9 +14,8 @@ from tsbench.core.seeds import seed_of
 from tsbench.episode.perception_level import EXACTLY
 from tsbench.learn.oracle.store import KIND, Collection, basis, check_folder
 from tsbench.planners.registry import entry, names
-from tsbench.run.execution.executor import Executor, Limits
 from tsbench.run.execution.local import make_executor
-from tsbench.run.execution.messages import Setup
+from tsbench.run.execution.messages import Executor, Limits, Setup
 from tsbench.run.log.manifest import new_manifest
 from tsbench.run.log.record import Record
 from tsbench.run.options import RunOptions

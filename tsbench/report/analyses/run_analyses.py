@@ -261,15 +261,15 @@ def _later(module: str, name: str) -> Callable[..., Analysis]:
 OF_POOL: Mapping[str, Callable[[RunPool], Analysis]] = {
     "main": lambda pool: main_table(pool.summaries, pool.title("Main table"), pool.contract, pool.contract),
     "types": lambda pool: per_type(pool.summaries, pool.title("SCD by type"), pool.contract, pool.edition),
-    "intervals": _later("scd_intervals", "intervals"),
+    "intervals": _later("scd_statistics", "intervals"),
     "failures": _later("failures", "failures"),
-    "correlations": _later("correlations", "correlations"),
+    "correlations": _later("scd_statistics", "correlations"),
     "floor": floor,
 }
 _OF_RUNS = {
     "ablation": _later("paired_runs", "ablation"),
     "perception": _later("paired_runs", "perception"),
-    "squares": _later("squares", "squares"),
+    "squares": _later("failures", "squares"),
 }
 
 

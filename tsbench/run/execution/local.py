@@ -15,8 +15,7 @@ from typing import Any
 from tsbench.core.errors import InputError, load
 from tsbench.core.files import io_errors_as_input_errors
 from tsbench.core.machine import MemoryUse, cause_of_end, own_cores, resident_mb
-from tsbench.run.execution.executor import Executor, Limits
-from tsbench.run.execution.messages import FolderFailed, Probed, Ready, Setup, Task, TaskQueue
+from tsbench.run.execution.messages import Executor, FolderFailed, Limits, Probed, Ready, Setup, Task, TaskQueue
 from tsbench.run.execution.own_folder import remove_abandoned
 from tsbench.run.execution.worker_process import Overrun, WorkerProcess, find_overrun, lost_record
 from tsbench.run.log.record import Record

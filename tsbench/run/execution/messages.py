@@ -12,10 +12,11 @@ import mmap
 import os
 import random
 from collections import deque
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from typing import Any, TypeVar
+from typing import Any, Protocol, Self, TypeVar
 
+from tsbench.core.machine import MemoryUse
 from tsbench.core.typed import typed
 from tsbench.episode.outcome import Phase
 from tsbench.episode.perception_level import Perception
@@ -297,3 +298,48 @@ class Heartbeat:
     def task(self) -> int:
         """The task begun last, 0 = none yet."""
         return self._words[2]
+
+
+@dataclass(frozen=True)
+class Limits:
+    """How long a worker may show no sign of life, s of its processor time, and how large it may become, MB.
+
+    call: in one call of the planner; first_call: making it, `reset` and the first `act` of an episode;
+    phase: loading, simulating, scoring; start: being asked what a planner is. patience: wall-clock limit as a
+    multiple of these, because a sleeping planner uses no processor. most_memory: resident size of a worker and
+    all that it has started, over which it is ended at once. memory: its own size over which it is replaced between
+    two episodes, though not before its `least_episodes`-th, so that a planner that needs as much is not loaded again
+    for each.
+    """
+
+    call: float = 10.0
+    first_call: float = 60.0
+    phase: float = 60.0
+    start: float = 120.0
+    patience: float = 5.0
+    most_memory: float = 4096.0
+    memory: float = 2048.0
+    least_episodes: int = 20
+
+
+class Executor(Protocol):
+    """Runs episodes somewhere; used in a `with` block, whose end leaves no process behind."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(self, kind: object, *_: object) -> None: ...
+
+    def probe(self, specs: Sequence[str], device: str = "cpu") -> list[PlannerInfo]:
+        """What each planner is, made with its network on a device.
+
+        Raises InputError: it does not exist, does not import, cannot be made there, or takes too long to.
+        """
+
+    def run(self, setup: Setup, tasks: TaskQueue, keep: Callable[[Record], None], stop: Callable[[], bool]) -> None:
+        """Run all tasks; `keep` gets each record as it comes, once its trace lies in the run folder.
+
+        Ends early once `stop` says so. Raises InputError: the run folder takes nothing more, or no worker is left.
+        """
+
+    def memory(self) -> list[MemoryUse]:
+        """What the workers of this machine took, those that have ended included."""

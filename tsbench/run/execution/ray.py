@@ -26,8 +26,18 @@ from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.machine import MemoryUse
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.trace import trace_path
-from tsbench.run.execution.executor import Limits
-from tsbench.run.execution.messages import Finished, Probe, Probed, Refused, Setup, Task, TaskQueue, decode, encode
+from tsbench.run.execution.messages import (
+    Finished,
+    Limits,
+    Probe,
+    Probed,
+    Refused,
+    Setup,
+    Task,
+    TaskQueue,
+    decode,
+    encode,
+)
 from tsbench.run.execution.ray_actor import RayActor, handshake
 from tsbench.run.log.record import Record, error_row, lost_timing
 from tsbench.run.planner_info import PlannerInfo

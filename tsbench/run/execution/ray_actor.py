@@ -15,9 +15,19 @@ from pathlib import Path
 from tsbench.core.errors import InputError
 from tsbench.episode.trace import trace_path
 from tsbench.run.edition import code_hash, contract_now, standing_contract
-from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.local import Pool
-from tsbench.run.execution.messages import Finished, Probe, Probed, Refused, Setup, Task, TaskQueue, decode, encode
+from tsbench.run.execution.messages import (
+    Finished,
+    Limits,
+    Probe,
+    Probed,
+    Refused,
+    Setup,
+    Task,
+    TaskQueue,
+    decode,
+    encode,
+)
 from tsbench.run.execution.own_folder import ACTOR, OwnFolder
 from tsbench.run.log.record import Record
 

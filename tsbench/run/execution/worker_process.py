@@ -14,10 +14,10 @@ from typing import Any
 
 from tsbench.core.machine import ONE_THREAD, MemoryUse, cause_of_end, processor_s, resident_below_mb, resident_mb
 from tsbench.episode.outcome import Outcome, Phase
-from tsbench.run.execution.executor import Limits
 from tsbench.run.execution.messages import (
     TO_RUN,
     Heartbeat,
+    Limits,
     Probe,
     Probed,
     Setup,

@@ -22,12 +22,10 @@ from tsbench.episode.trace import trace_path
 from tsbench.run import opened_files
 from tsbench.run.edition import LOCAL
 from tsbench.run.log.journal import FOLDER as ASIDE
-from tsbench.run.log.journal import JOURNAL, Content, Journal, Key, Quarantine, belongs, open_locked
+from tsbench.run.log.journal import JOURNAL, Content, Journal, Key, Quarantine, belongs, file_hashes, open_locked
 from tsbench.run.log.manifest import NAME, Manifest, difference, identity, planners_of, read_manifest, timestamp
 from tsbench.run.log.read import RESCORED
-from tsbench.run.log.record import Record
-from tsbench.run.log.schema import TABLES
-from tsbench.run.log.tables import file_hashes
+from tsbench.run.log.record import TABLES, Record
 from tsbench.run.planner_info import PlannerInfo, check_unchanged, files_place
 
 if TYPE_CHECKING:

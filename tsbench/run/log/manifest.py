@@ -28,7 +28,7 @@ from tsbench.planners.builtin import origin
 from tsbench.planners.registry import comes_with_tsbench
 from tsbench.run import arithmetic, opened_files
 from tsbench.run.edition import SCORING, standing_contract
-from tsbench.run.log.schema import SCHEMA_VERSION
+from tsbench.run.log.record import SCHEMA_VERSION
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.data_set import SplitName
 

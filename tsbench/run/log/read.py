@@ -20,9 +20,8 @@ from tsbench.core.files import io_errors_as_input_errors, write_json
 from tsbench.core.typed import read_typed
 from tsbench.episode.perception_level import Perception
 from tsbench.run.edition import edition_here, edition_of, standing_contract
-from tsbench.run.log.journal import JOURNAL, lines_so_far
+from tsbench.run.log.journal import JOURNAL, file_hashes, lines_so_far, read_table, tables_of
 from tsbench.run.log.manifest import NAME, Manifest, city_of, perception_of, planners_of, read_manifest
-from tsbench.run.log.tables import file_hashes, read_table, tables_of
 from tsbench.scenarios.data_set import DataSet
 
 RESCORED = "rescored.json"

@@ -1,7 +1,8 @@
-"""The files of its own that a planner's process is shown: copies of the regular ones, made once for many sandboxes.
+"""What a sandbox is made of: the files that a planner's process finds in it, and the limits under which it runs.
 
-A planner that writes, swaps or links its files while it is driven changes nothing in its next sandbox, and reading
-the copies needs no right of the user who starts the run.
+The planner's own regular files are copied once for many sandboxes: a planner that writes, swaps or links its files
+while it is driven changes nothing in its next sandbox, and reading the copies needs no right of the user who starts the
+run.
 """
 
 from __future__ import annotations
@@ -9,18 +10,108 @@ from __future__ import annotations
 import hashlib
 import os
 import stat
+import sys
 import tempfile
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from importlib.util import cache_from_source
 from pathlib import Path
+from site import getsitepackages
 
-from tsbench.board.isolation.sandbox_paths import covered, is_installed, is_of_tsbench, is_public, shown_to_all
+import tsbench
 from tsbench.core.errors import InputError
-from tsbench.core.paths import expanded
+from tsbench.core.machine import ONE_THREAD
+from tsbench.core.paths import data_file, expanded, installed_data, roots
 from tsbench.core.provenance import closure_paths
+from tsbench.planners.planner_spec import PlannerSpec, parts_of
 from tsbench.planners.registry import source_of
 from tsbench.run.execution.own_folder import FILES, OwnFolder
 from tsbench.run.planner_info import source_places
+
+_SYSTEM = ("/usr", "/bin", "/sbin", "/lib", "/lib64", "/etc/ld.so.cache", "/etc/localtime", "/etc/alternatives")
+# Of the data, what tells of scenes; planners' weights and the catalogue stay.
+_DATA = ("scenarios", "sumo_nets", "cities", "runs", ".git")
+# What decides which code a library picks for a processor, and with it last places of numbers.
+_ARITHMETIC = ("ATEN_CPU_CAPABILITY", "GLIBC_TUNABLES", "MKL_", "NPY_DISABLE_CPU_FEATURES", "OPENBLAS_", "DNNL_")
+_PACKAGE = Path(tsbench.__file__).resolve().parent
+_PYTHON = (sys.prefix, sys.base_prefix)
+
+MEMORY_BYTES = 4 << 30
+# All the processor time of one process of a planner; it is replaced long before, between two episodes.
+CPU_S = 6 * 3600
+LIMITS = {"DATA": MEMORY_BYTES, "CPU": CPU_S, "NPROC": 256, "NOFILE": 256, "FSIZE": 64 << 20, "MSGQUEUE": 0}
+SCRATCH_MB = 256
+
+
+def environment_of() -> dict[str, str]:
+    """The environment of a program in a sandbox, but for its home."""
+    path = [entry for entry in sys.path if entry]
+    own = {"PATH": "/usr/bin:/bin", "LANG": "C.UTF-8", "PYTHONPATH": os.pathsep.join(path), **arithmetic()}
+    if "TSBENCH_DATA" in os.environ:
+        own["TSBENCH_DATA"] = str(Path(os.environ["TSBENCH_DATA"]).absolute())
+    return {**own, "PYTHONDONTWRITEBYTECODE": "1", "PYTHONUNBUFFERED": "1"}
+
+
+def arithmetic() -> dict[str, str]:
+    """Of the environment what decides the last places of numbers."""
+    return {**ONE_THREAD, **{name: value for name, value in os.environ.items() if name.startswith(_ARITHMETIC)}}
+
+
+def command_of(spec: str, python: str) -> list[str]:
+    """What is to run in a sandbox. python: its name there. Raises InputError for a file that cannot be executed."""
+    program = PlannerSpec(spec).executable()
+    return [str(program)] if program else [python, "-P", "-m", "tsbench.board.isolation.client", _absolute(spec)]
+
+
+def _absolute(spec: str) -> str:
+    """The same spec for a process in another folder."""
+    kind, source, attribute = parts_of(spec)
+    return f"{kind}{Path(source).resolve()}:{attribute}" if source.endswith(".py") else spec
+
+
+def shown_to_all() -> list[Path]:
+    """What a sandbox has for all planners."""
+    return [Path(one) for one in (*_SYSTEM, *_PYTHON, str(_PACKAGE), str(data_file("sign_catalog")))]
+
+
+def is_public(place: Path) -> bool:
+    """May every user read a file, or look into a folder?"""
+    wanted = 0o5 if place.is_dir() else 0o4
+    return place.exists() and place.stat().st_mode & wanted == wanted
+
+
+def is_installed(place: Path) -> bool:
+    """Does a file or folder come with tsbench, or is it where pip installs?"""
+    return is_of_tsbench(place) or any(place.is_relative_to(Path(one).resolve()) for one in getsitepackages())
+
+
+def is_of_tsbench(place: Path) -> bool:
+    """Does a file or folder lie in tsbench's package?"""
+    return place.is_relative_to(_PACKAGE)
+
+
+def covered(hidden: Sequence[Path]) -> list[Path]:
+    """What no sandbox shows, wherever it lies: the data that tell of scenes, and `hidden`."""
+    data = {place / name for place in (*roots(), *installed_data()) if place != _PACKAGE for name in _DATA}
+    return sorted(data | {path.resolve() for path in hidden})
+
+
+def binds_of(own: Sequence[tuple[Path, Path]]) -> list[tuple[str, str]]:
+    """What a sandbox shows: (source, place), parents first.
+
+    own: copies of the planner's own files, and where they are to stand. What lies in something that is installed, too,
+    comes with that.
+    """
+    found = {str(place): str(copy) for copy, place in own}
+    for place in sorted({str(path.absolute()) for path in shown_to_all()}, key=_depth):
+        inside = any(place.startswith(f"{outer}/") for outer in found if not Path(outer).is_symlink())
+        if not inside or any(place.startswith(f"{one}/") for _, one in own):
+            found.setdefault(place, place)
+    return [(found[place], place) for place in sorted(found, key=_depth)]
+
+
+def _depth(place: str) -> tuple[int, str]:
+    return place.count("/"), place
+
 
 _MOST_FILES, _MOST_BYTES = 5_000, 8 << 30
 _CACHES = "__pycache__"

@@ -13,12 +13,10 @@ from pathlib import Path
 
 import pytest
 
-from tsbench.board.isolation import planner_files as files
-from tsbench.board.isolation import sandbox_paths
+from tsbench.board.isolation import sandbox_contents as files
 from tsbench.board.isolation.isolated_loading import changed_files, describe, load
-from tsbench.board.isolation.planner_files import PlannerFiles
 from tsbench.board.isolation.process import PlannerProcess
-from tsbench.board.isolation.sandbox_paths import is_installed, is_public
+from tsbench.board.isolation.sandbox_contents import PlannerFiles, is_installed, is_public
 from tsbench.core.errors import InputError
 from tsbench.planners.base import PlannerContext
 from tsbench.run import opened_files
@@ -80,8 +78,8 @@ def test_what_is_mounted_in_the_folder_is_not_shown(tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     (tmp_path / "mine.py").write_text(PLANNER)
     code = (
-        "import sys; from tsbench.board.isolation.planner_files import PlannerFiles; own = PlannerFiles(sys.argv[1]); "
-        "print([path.name for copy, _ in own.binds for path in copy.rglob('*')])"
+        "import sys; from tsbench.board.isolation.sandbox_contents import PlannerFiles; "
+        "own = PlannerFiles(sys.argv[1]); print([path.name for copy, _ in own.binds for path in copy.rglob('*')])"
     )
     mounted = 'mount -t tmpfs none "$1/other" && touch "$1/other/secret" || exit 9; shift; exec "$@"'
     done = subprocess.run(
@@ -160,8 +158,8 @@ def test_what_comes_with_tsbench_for_root_alone_is_refused(tmp_path: Path, monke
 @pytest.fixture
 def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder where packages are installed."""
-    monkeypatch.setattr(sandbox_paths, "getsitepackages", lambda: [str(tmp_path)])
-    monkeypatch.setattr(sandbox_paths, "_PYTHON", (*sandbox_paths._PYTHON, str(tmp_path)))
+    monkeypatch.setattr(files, "getsitepackages", lambda: [str(tmp_path)])
+    monkeypatch.setattr(files, "_PYTHON", (*files._PYTHON, str(tmp_path)))
     monkeypatch.syspath_prepend(tmp_path)
     tmp_path.chmod(0o755)
     return tmp_path

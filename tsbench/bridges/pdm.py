@@ -1,6 +1,8 @@
-"""PDM-like: the best of fifteen proposals by the PDM score, and a full stop where even that soon collides.
+"""A proposal planner after PDM-Closed (Dauner et al., CoRL 2023), written against nuPlan's protocol. Sign-blind.
 
-The published PDM score of proposals. Units: m, s, rad.
+Reimplemented from the paper's description; no line of its code is here. It is told what any nuPlan planner is told and
+nothing of tsbench; `Pdm` is the class that `--planner` names. It drives the best of fifteen proposals by the published
+PDM score, and makes a full stop where even that soon collides. Units: m, s, rad.
 
 What multiplies: no collision at fault (a fixed thing counts half), on the road. What is weighed: progress 5, time to
 collision 5, comfort 2. Source: Dauner et al., "Parting with Misconceptions about Learning-based Vehicle Motion
@@ -11,21 +13,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from tsbench.bridges.nuplan import NuPlanPlanner, states
 from tsbench.bridges.nuplan.states import StateSE2, TimePoint
-from tsbench.bridges.pdm.centerline import Centerline, Route
-from tsbench.bridges.pdm.proposals import STEP_S, STEPS, Others, Proposals, roll_out, stop
+from tsbench.bridges.pdm_proposals import STEP_S, STEPS, Centerline, Others, Proposals, Route, roll_out, stop
 from tsbench.geometry.polyline import Array
 
 _SIGHT_M = 60.0
 _EMERGENCY_S = 2.0
 _LONGER = 4
-
-
 Flags = npt.NDArray[np.bool_]
 _PROGRESS, _TTC, _COMFORT = 5.0, 5.0, 2.0
 _STANDS_MPS = 0.05
@@ -202,3 +202,13 @@ def _comfortable(p: Proposals) -> Flags:
         & (yaw <= _YAW).all(axis=1)
         & (jerk <= _JERK).all(axis=1)
     )
+
+
+class Pdm(NuPlanPlanner):
+    """`tsbench.bridges.pdm:Pdm`: asked every second tick."""
+
+    sign_access = False
+    make = staticmethod(PdmPlanner)
+    every: ClassVar[int] = 2
+    # The same bytes whether or not nuplan-devkit is there.
+    kit: ClassVar[Any] = states

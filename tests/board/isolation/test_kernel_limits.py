@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from patience import HANG_S
 
-from tsbench.board.isolation import control_group, sandbox
-from tsbench.board.isolation.control_group import ControlGroup
+from tsbench.board.isolation import kernel_limits, sandbox
 from tsbench.board.isolation.isolated_loading import describe
+from tsbench.board.isolation.kernel_limits import ControlGroup
 from tsbench.board.isolation.process import PlannerProcess
 
 MIB = 1 << 20
@@ -31,9 +31,9 @@ def kernel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Kernel:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / "cgroup.subtree_control").write_text(names)
         (tmp_path / "membership").write_text(membership)
-        monkeypatch.setattr(control_group, "_MOUNTED", mounted)
-        monkeypatch.setattr(control_group, "_MEMBERSHIP", tmp_path / "membership")
-        monkeypatch.setattr(control_group, "_PATIENCE_S", 0.0)
+        monkeypatch.setattr(kernel_limits, "_MOUNTED", mounted)
+        monkeypatch.setattr(kernel_limits, "_MEMBERSHIP", tmp_path / "membership")
+        monkeypatch.setattr(kernel_limits, "_PATIENCE_S", 0.0)
         return mounted
 
     return make

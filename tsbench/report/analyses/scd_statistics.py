@@ -1,13 +1,14 @@
-"""Does a conventional metric say how well planners obey? Spearman's rank correlation with SCD, by group.
+"""How sure is the SCD of each planner? Overall and by group with its interval, the published figure beside it.
 
-A point is a planner; what is ranked is the planner's mean. So n is the number of planners, and the interval is about
-other planners of the same kind (Bonett and Wright 2000), not about other scenes. Planners that share their driver are
-no independent draws: the interval is the least that is unknown.
+Does a conventional metric say how well planners obey? Spearman's rank correlation with SCD, by group. A point is a
+planner; what is ranked is the planner's mean. So n is the number of planners, and the interval is about other planners
+of the same kind (Bonett and Wright 2000), not about other scenes. Planners that share their driver are no independent
+draws: the interval is the least that is unknown.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from math import atanh, sqrt, tanh
 
@@ -15,26 +16,96 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tsbench.core.errors import InputError
+from tsbench.metrics.aggregate import PlannerSummary
 from tsbench.metrics.breakdown import COMPLETED, STRICT
 from tsbench.metrics.episode_metrics import METRICS
-from tsbench.metrics.intervals import LEVEL
+from tsbench.metrics.intervals import LEVEL, MIN_CLUSTERS
 from tsbench.metrics.records import Records
-from tsbench.metrics.scd import NAMES, SIGNED_ONES
+from tsbench.metrics.scd import NAMES, SCD_NOTE, SIGNED_ONES
 from tsbench.report.analyses.analysis import ALL, Analysis, Column, Kind, Row, Table, Value
 from tsbench.report.analyses.columns import (
+    NOTE,
+    READINGS_NOTE,
+    count_columns,
     is_whole,
+    number_columns,
     panels_of,
     pick,
     present_panels,
     present_parts,
     published_metric,
     published_scd,
+    readings,
+    scd_beside,
     text_columns,
     without_experts,
 )
 from tsbench.report.analyses.run_pool import RunPool
 from tsbench.report.charts import INK
-from tsbench.report.forest import ForestRow, Mark, colour_of, forest_panels, put_title
+from tsbench.report.forest import ForestRow, Mark, colour_of, forest_panels, published_mark, put_title
+
+
+def intervals(pool: RunPool) -> Analysis:
+    columns = (
+        *text_columns("planner", group="types"),
+        *text_columns("score", "figure"),
+        Column("scd", "SCD\n%"),
+        *count_columns("n", "places", types="types\naveraged"),
+        *number_columns(published="published\n%"),
+        *text_columns(method="interval"),
+    )
+    table = Table(columns, tuple(row for p in pool.summaries for row in _rows(p, pool.contract)), 4)
+    told = [NOTE] if any(row.cells[8] is not None for row in table.rows) else []
+    notes = (f"{SCD_NOTE}, with its 95 % interval. n: pairs, halves", READINGS_NOTE, *told)
+    title = pool.title("SCD with intervals")
+    draw = partial(_draw_intervals, pool, title)
+    return Analysis("intervals", title, pool.contract, table, notes, draw, partial(draw, stacked=True))
+
+
+def _rows(p: PlannerSummary, contract: str) -> Iterator[Row]:
+    starts = True
+    for part, scores in p.scores.items():
+        for panel, figure in scores.panels(ALL).items():
+            for reading in readings(p):
+                e, first = figure.read(reading), reading == STRICT
+                told = f"{e.method} ({e.reason})" if e.reason else e.method
+                reference = scd_beside(p, panel, contract) if first and part == SIGNED_ONES else None
+                names = (p.label, panel, NAMES[part], reading)
+                cells = (*names, Value.of(e), e.n, e.clusters, e.parts, reference, told)
+                yield Row(cells, starts=starts, faint=not first)
+                starts = False
+
+
+def _draw_intervals(pool: RunPool, title: str, stacked: bool = False) -> Figure:
+    primary = present_parts(pool.summaries)[0]
+    panels = {}
+    for name in present_panels(pool.summaries):
+        panels[name] = [_forest_row(p, primary, name, colour_of(name), pool.contract) for p in pool.summaries]
+    key = {f"{NAMES[primary]}, strict, with its 95 % interval": Mark(0.0, 0.0, 0.0, INK)}
+    if any(m.value is not None and m.low is None for rows in panels.values() for r in rows for m in r.marks[1:]):
+        key[f"no interval: fewer than {MIN_CLUSTERS} places"] = Mark(0.0, None, None, INK, filled=False)
+    if any(row.marks[0].value is not None for rows in panels.values() for row in rows):
+        key["published"] = published_mark(0.0)
+    if any(len(readings(p)) > 1 for p in pool.summaries):
+        key["completed only"] = Mark(0.0, None, None, INK, marker="x")
+    unit = f"{NAMES[primary]}, % (macro mean over types); n: what it rests on"
+    figure = forest_panels(panels, unit, (0.0, 100.0), key, stacked=stacked)
+    if not stacked:
+        put_title(figure, title, pool.edition)
+    return figure
+
+
+def _forest_row(p: PlannerSummary, part: str, panel: str, colour: str, contract: str) -> ForestRow:
+    told = scd_beside(p, panel, contract) if part == SIGNED_ONES else None
+    marks, counts = [published_mark(told)], ""
+    if (figure := panels_of(p, part).get(panel)) is not None:
+        strict, completed = figure.main, figure.completed
+        cross = completed.value if figure.differ else None
+        sure = strict.low is not None
+        marks.append(Mark(strict.value, strict.low, strict.high, colour, sure, width=2.0, cross=cross))
+        counts = f"{strict.n} ({completed.n})" if figure.differ else f"{strict.n}"
+    return ForestRow(p.label, tuple(marks), counts)
+
 
 LEAST_PLANNERS, LEAST_FOR_INTERVAL = 3, 5
 # What SCD is made of (compliance) or only says whether there was a rule (engagement) is no conventional metric.
@@ -108,7 +179,7 @@ def correlations(pool: RunPool) -> Analysis:
     )
     title = pool.title(f"Conventional metrics and {scd} over {len(pool.planners)} planners")
     table = Table(columns, tuple(rows), 3)
-    draw = partial(_draw, pool, title)
+    draw = partial(_draw_correlations, pool, title)
     return Analysis("correlations", title, pool.contract, table, notes, draw, partial(draw, stacked=True))
 
 
@@ -116,15 +187,11 @@ def _ours(pool: RunPool, panel: str, over: str, metric: str, reading: str) -> Va
     """The primary SCD of `panel` against the metric over the episodes of `over`."""
     figures = (panels_of(p, present_parts(pool.summaries)[0]).get(panel) for p in pool.summaries)
     scd = [None if (e := pick(figure, reading)) is None else e.value for figure in figures]
-    return spearman([metric_mean(pool, name, over, metric, reading) for name in pool.planners], scd)
+    return spearman([metric_mean(pool.records[name], over, metric, reading) for name in pool.planners], scd)
 
 
-def metric_mean(pool: RunPool, planner: str, panel: str, metric: str, reading: str) -> float | None:
+def metric_mean(records: Records, panel: str, metric: str, reading: str) -> float | None:
     """A metric's mean over a planner's episodes of a panel, as in the summary; None where none counts."""
-    return _mean(pool.records[planner], panel, metric, reading)
-
-
-def _mean(records: Records, panel: str, metric: str, reading: str) -> float | None:
     column = METRICS[metric]
     values = records.values[column.column]
     if reading == STRICT and column.failure is not None:
@@ -148,7 +215,7 @@ def _of_the_nine(pool: RunPool, panel: str, metric: str) -> tuple[Value | None, 
     ):
         return None, None
     figures = [panels_of(summaries[name], SIGNED_ONES)[panel].main.value for name in nine]
-    means = [_mean(pool.records[name].of(SIGNED_ONES), ALL, metric, STRICT) for name in nine]
+    means = [metric_mean(pool.records[name].of(SIGNED_ONES), ALL, metric, STRICT) for name in nine]
     return spearman(means, figures), spearman(theirs, [published_scd(name, panel) for name in nine])
 
 
@@ -161,7 +228,7 @@ def _without(rows: Sequence[Row]) -> tuple[str, ...]:
     return tuple(f"{reason}: {', '.join(names)}" for reason, names in reasons.items())
 
 
-def _draw(pool: RunPool, title: str, stacked: bool = False) -> Figure:
+def _draw_correlations(pool: RunPool, title: str, stacked: bool = False) -> Figure:
     panels = {}
     for panel in present_panels(pool.summaries):
         rows = []
