@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from lxml import etree
-from simworld import SceneMaker, ego_at, simulation, speed_plate, store_scenes
+from simworld import SceneMaker, ego_at, loader_of, simulation, speed_plate, store_scenes
 
 from tsbench.make.certify.certifier import Certifier, draw_sample, recertify
 from tsbench.make.certify.evidence import AnswerReplay, Recorder, braking_before
@@ -16,10 +16,7 @@ from tsbench.planners.base import Control
 from tsbench.planners.registry import LoadedPlanner
 from tsbench.roads.lane_graph import Destination
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates, write_certificates
-from tsbench.scenarios.data_set import DataSet
-from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
-from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.contrast import ContrastClause, SlowZoneParams, contrast_to_poi
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import WorldSnapshot
@@ -49,7 +46,7 @@ def pair(
 
 
 def certifier(root: Path) -> Certifier:
-    return Certifier(simulation(), SceneLoader(DataSet(), SceneFolder(root)))
+    return Certifier(simulation(), loader_of(root))
 
 
 def prove(maker: SceneMaker, halves: Pair) -> list[Certificate]:
