@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from command_line import in_process, refused
 from patience import HANG_S
 
-from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.make import dataset_page as module
 from tsbench.make.dataset_page import write_dataset_page
@@ -133,10 +133,8 @@ def test_what_cannot_be_shown_is_one_line(
 ) -> None:
     with pytest.raises(InputError, match="no scenario is selected"):
         write_dataset_page(DataSet(), [], tmp_path / "a.html", 1, lambda *_: None)
-    with pytest.raises(SystemExit) as ended:
-        main(["scenarios", "browse", "--types", "fly"])
-    assert ended.value.code == 2
-    assert "--types fly: no such type" in capsys.readouterr().err
+    told = refused(in_process("scenarios", capsys), "browse", "--types", "fly")
+    assert "--types fly: no such type" in told
     monkeypatch.setattr(module, "certificates_of", lambda _: [])
     with pytest.raises(InputError, match="no certificate for "):
         write_dataset_page(DataSet(), rows[:1], tmp_path / "a.html", 1, lambda *_: None)
