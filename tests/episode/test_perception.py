@@ -228,7 +228,6 @@ def test_levels_of_files(tmp_path: Path) -> None:
     path = tmp_path / "fog.yaml"
     path.write_text("{right: 0.5, ceiling: 0.5, misread: 0.1, false_per_km: 0, latency_s: 0.3, half_px: 25}")
     fog = load_level(str(path))
-    assert fog is not None
     assert (fog.name, fog.half_px, fog.scale_px) == ("fog", 25.0, level("good").scale_px)
     for text, words in (
         ("{right: 0.5}", "ceiling: is missing"),

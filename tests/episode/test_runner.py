@@ -52,7 +52,6 @@ def on_the_road(on_road, name: str, start: EgoStart = START, end: Destination = 
 def consistent(result: EpisodeResult) -> EpisodeFacts:
     """Asserts what holds for every episode that was simulated; its facts."""
     facts = result.facts
-    assert facts is not None
     steps = [s.step for s in facts.snapshots]
     assert steps == list(range(len(steps)))
     assert len(result.commands) == len(result.planner_s)
@@ -89,7 +88,6 @@ def test_collision_with_an_obstacle(root: Path, on_road) -> None:
     facts = consistent(result)
     assert result.outcome is Outcome.COLLISION
     contact = facts.contact
-    assert contact is not None
     assert (contact.partner_kind, contact.partner, contact.at_fault) == ("obstacle", "obstacle_0", True)
     assert contact.step == facts.snapshots[-1].step
     gap = cones.x - cones.length / 2 - (facts.snapshots[-1].ego.x + EGO_LENGTH_M / 2)
@@ -104,7 +102,6 @@ def test_collision_with_a_vehicle(root: Path, on_road) -> None:
     facts = consistent(result)
     assert result.outcome is Outcome.COLLISION
     contact = facts.contact
-    assert contact is not None
     assert (contact.partner_kind, contact.partner, contact.at_fault) == ("vehicle", "bg_000", True)
 
 
@@ -252,8 +249,6 @@ def test_masked_signs_keep_their_place_only(root: Path, on_road) -> None:
     left = replace(plain, code="", value=None, edge="", lane=-1, position_m=math.nan, outline="")
     assert repr(first) == repr(left)
     # The judge is not masked.
-    assert bare.facts is not None
-    assert masked.facts is not None
     assert bare.facts.verdicts == masked.facts.verdicts
 
 
@@ -263,7 +258,6 @@ def test_only_experts_are_told_the_rule(root: Path, on_road) -> None:
     runner(root, "Privileged").run(spec)
     plain, expert = scripted.Scripted.contexts[-2:]
     assert plain.privilege is None
-    assert expert.privilege is not None
     assert expert.privilege.signs[0].code == "3.24"
     assert plain.seed == expert.seed
     assert plain.seed == planner_seed(spec.pair_name)
@@ -304,7 +298,6 @@ def test_others_go_by_what_the_ego_shows(root: Path, on_cross) -> None:
     entered = {}
     for planner in ("Follow", "IndicatesRight"):
         result = runner(root, planner).run(spec)
-        assert result.facts is not None
         ys = [float(s.actors.pose[0, 1]) for s in result.facts.snapshots if len(s.actors)]
         entered[planner] = next((k for k, y in enumerate(ys) if y > -3.2), len(ys))
     assert entered["IndicatesRight"] < entered["Follow"]
@@ -341,7 +334,6 @@ def test_two_runs_are_the_same_tick_by_tick(root: Path, on_road) -> None:
     first = runner(root, "Follow").run(spec)
     runner(root, "Straight").run(on_the_road(on_road, "plain"))
     again = runner(root, "Follow").run(spec)
-    assert first.facts is not None
     assert again.facts is not None
     assert max(len(s.actors) for s in first.facts.snapshots) >= 5
     assert np.array_equal(first.commands, again.commands)
@@ -361,7 +353,6 @@ def test_the_convoy_comes_when_the_ego_does(root: Path, on_cross) -> None:
     plan = ConvoyPlan("s_in_0", 7.0, seconds, 8.0, 8.0, ("convoy_0", "convoy_1"))
     spec = on_cross.make("convoy", start, end, ("s_in", "n_out"), sign, convoy=plan, convoy_at=at)
     result = runner(root, "Follow").run(spec)
-    assert result.facts is not None
     shots = result.facts.snapshots
     table = shots[-1].actors.table
     lead = [s.actors.index.tolist().index(table.rows["convoy_0"]) for s in shots]

@@ -125,7 +125,6 @@ def test_an_episode_without_a_trace_is_driven_again(pair: Path) -> None:
     kept.unlink()
     assert traces.read("idm", rows["signed"]["scenario_id"]).against == as_kept.against
     beside = traces.of_other_half(rows["signed"])
-    assert beside is not None
     assert (beside.spec.half, str(beside.outcome)) == ("contrast", rows["contrast"]["outcome"])
     assert other.is_file()
     assert rescore(pair).disagreements == ()

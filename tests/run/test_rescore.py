@@ -127,7 +127,6 @@ def test_what_rescore_writes_is_what_a_report_says(copy: Path) -> None:
     assert read_run(copy).rescored == "not rescored"
     tsbench(copy.parent, "rescore", "copy")
     found = read_rescored(copy)
-    assert found is not None
     assert (found.traces, found.untraced, found.disagreements) == (1, 0, 0)
     run = read_run(copy)
     assert (found.contract, found.edition) == (run.contract, run.edition)

@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from command_line import one_line
+from episode_builders import spec
 from hypothesis import given
 from hypothesis import strategies as st
 from simworld import SceneMaker, plate, store_scenes
@@ -74,10 +75,7 @@ def test_what_is_written_is_read_and_always_the_same_bytes(
 
 
 def spec_of(map_id: str) -> ScenarioSpec:
-    return ScenarioSpec(
-        "one", "yield", "priority", "2.4", None, map_id, "junction", "X", "", 0, "test", 1, 5.0, 90.0, 0.0, -1, 0, 600,
-        "net", "additional", "a" * 64, "b" * 64,
-    )  # fmt: skip
+    return replace(spec("one"), scenario_type="yield", map_id=map_id)
 
 
 def test_a_row_group_for_each_map_and_where_it_comes_from(tmp_path: Path) -> None:

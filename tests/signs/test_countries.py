@@ -84,7 +84,6 @@ def test_a_plate_is_the_country_s_where_that_has_a_drawing() -> None:
 @pytest.mark.parametrize("code", ["ad", "at", "de", "gb"])
 def test_all_plates_of_a_country_can_be_drawn(code: str) -> None:
     country = load_country(code)
-    assert country.traffic is not None
     assert (country.traffic.side == "left") == (code == "gb")
     for sign in load_catalog().signs.values():
         printed = sign.value.allowed if sign.value is not None and sign.value.printed else (None,)

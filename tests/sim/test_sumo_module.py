@@ -136,7 +136,6 @@ def stream(sim: Simulation, made: SceneMaker, spec: ScenarioSpec) -> str:
         sim.place_ego(m, "", -1)
         sim.step()
         a = sim.actors()
-        assert a is not None
         for array in (a.index, a.pose, a.speed, a.lane, a.lane_s):
             digest.update(array.tobytes())
         digest.update(repr(a.table.ids).encode())

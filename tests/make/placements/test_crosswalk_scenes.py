@@ -185,7 +185,6 @@ def test_a_bend_before_the_crossing_is_reckoned_with(networks: dict[str, RoadNet
     # 13.5 degrees at one corner within 6 m: a radius of 25 m.
     assert allowed("bent") == pytest.approx(math.sqrt(2.2 * 6.0 / math.atan2(12.0, 50.0)), rel=0.15)
     a = place(networks, "bent")
-    assert a.walkers is not None
     assert a.walkers.ego_cruise_mps == pytest.approx(allowed("bent"), abs=0.01)
 
 
@@ -238,7 +237,6 @@ def test_a_site_is_sound_and_tells_who_yields(name: str, site_of: SiteOf, tmp_pa
         for planner, obeys in (("idm", row.half == CONTRAST), ("idm-e", True)):
             result = driven(row, root, planner)
             assert result.error == ""
-            assert result.facts is not None
             assert result.facts.verdicts.engaged
             assert is_scd(result.facts) == obeys
     assert build(name, tmp_path) == site
@@ -266,7 +264,6 @@ def test_the_halves_of_a_pair_tell_each_other_apart_by_the_plate_alone(name: str
         assert proof.unpaired_because(row) == ""
         assert proof.exclusive
         assert proof.blind_equal
-        assert proof.brake_mps2 is not None
         assert proof.brake_mps2 > MAX_DECEL_MPS2
 
 
@@ -301,7 +298,6 @@ def test_pictures_show_the_zebra_and_the_people(site_of: SiteOf) -> None:
     assert set(walkers) == set(scene.walkers.persons)
     # Where the first tick of an episode sees them.
     facts = driven(row, root).facts
-    assert facts is not None
     first = facts.snapshots[0].actors
     seen = {first.table.ids[r]: p for r, p in zip(first.index.tolist(), first.pose.tolist(), strict=True)}
     for name, place in walkers.items():

@@ -124,7 +124,6 @@ def test_the_convoy_meets_the_ego_and_sumo_lets_it_go_first(
     assert not set(ego.via) & priority.yields_to
     own, other = junction_path(network, ego), junction_path(network, priority)
     zone = conflict_zone(own.onto_exit(15.0), EGO_WIDTH_M, other.onto_exit(15.0), other.width)
-    assert zone is not None
     assert convoy.ego_zone_m == pytest.approx(zone.a_in)
     priority_lane = network.lane(convoy.lane)
     assert convoy.zone_m == pytest.approx(priority_lane.line.length + zone.b_in)
@@ -192,7 +191,6 @@ def test_a_main_road_bends_along_its_higher_class() -> None:
 def test_plates_of_a_secondary_road_face_the_convoy_and_the_opposite_approach(networks: dict[Key, RoadNetwork]) -> None:
     for layout in LAYOUTS:
         a = place(networks, ("secondary_road", "X"), layout)
-        assert a.convoy is not None
         met = a.convoy.edges[0]
         assert [(s.code, s.edge, s.role) for s in a.signs] == [("2.3.1", met, "target"), ("2.4", "n_in", "distractor")]
         assert a.signs[1].params is None
@@ -353,7 +351,6 @@ def test_the_convoy_shows_what_it_does_when_the_ego_is_at_its_line(
 ) -> None:
     recipe, a = recipe_of(key[0]), place(networks, key, layout)
     convoy = a.convoy
-    assert convoy is not None
     assert convoy.abrupt
     assert convoy.after_s >= recipe.number("convoy_least_after_s")
     # Seconds from the ego's line and from the lead's to the zone.

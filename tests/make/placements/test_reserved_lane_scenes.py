@@ -170,7 +170,6 @@ def test_users_meet_an_ego_that_stays_in_its_lane(
     network, recipe = networks[type_id], recipe_of(type_id)
     a = place(networks, type_id, layout, speed, seed=layout)
     c = a.convoy
-    assert c is not None
     lane, user = network.lane(c.lane), c.drivers[0]
     assert ((c.lane,), c.vclass) == (a.signs[0].params.lanes, users_of(type_id))
     # They drive on into the side road.
