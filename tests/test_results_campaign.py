@@ -35,7 +35,6 @@ def test_the_kept_runs_are_those_of_the_file() -> None:
     assert {one.name for one in RUNS} == {path.parent.name for path in FILE.parent.glob("*/run.json")}
     for one in RUNS:
         manifest = read_manifest(FILE.parent / one.name)
-        assert manifest is not None
         kept = {"perception": EXACT, **manifest["asked"], "city": manifest["effective"].get("city", OWN_CITY)}
         given = options_of(one, {}, FILE)
         asked = {**given, "city": given["data"].name, "types": list(given["types"])}

@@ -39,7 +39,6 @@ def test_it_drives_what_a_run_drives(tmp_path: Path, planner: str, options: dict
     run = tsbench.evaluate(planner, split="dev", types="yield", limit=2, workers=1, out=tmp_path / "run", **options)  # type: ignore[arg-type]
     for row in run.episodes.to_dict("records"):
         done = tsbench.drive(planner, row["scenario_id"], **options).run()  # type: ignore[arg-type]
-        assert done.record is not None
         assert done.record["scenario_id"] == row["scenario_id"]
         differing = {k for k, v in done.record.items() if v is not None and v == v and v != row[k]}
         assert not differing
@@ -50,7 +49,6 @@ def test_it_drives_what_a_run_drives(tmp_path: Path, planner: str, options: dict
 def test_step_by_step() -> None:
     drive = tsbench.drive(straight, SCENARIO)
     assert (drive.time, drive.answer, drive.outcome, drive.record) == (0.0, None, None, None)
-    assert drive.observation is not None
     assert drive.observation.step == 0
     assert drive.step()
     assert drive.answer == tsbench.Control(0.0, 0.0)
@@ -85,7 +83,6 @@ def test_the_end_says_since_when_the_ego_stands_and_before_what() -> None:
     halted = re.fullmatch(
         r"The ego stands since (.*) s, (.*) m before the line of 2.4; nothing is on its path.", stands
     )
-    assert halted is not None
     assert 2.0 < float(halted[1]) < 6.0
     assert 0.0 < float(halted[2]) < 60.0
     assert ": ego 0.00 m/s at " in now
@@ -99,7 +96,6 @@ def test_the_end_says_how_far_the_path_is_free() -> None:
     detour = min(one.scenario_id for one in tsbench.load_scenarios("dev", "detour_left"))
     told = tsbench.drive(halting, detour).run().look()
     found = re.search(r"m before the line of 4.2.2; its path is free for (.*) m\.", told)
-    assert found is not None
     assert 0.0 < float(found[1]) < 100.0
 
 
@@ -135,7 +131,6 @@ def test_what_a_planner_raises_is_raised_where_it_happens() -> None:
     with pytest.raises(ZeroDivisionError, match="mine"):
         drive.run()
     # The tick is still there to be looked at, and driven otherwise.
-    assert drive.observation is not None
     assert drive.observation.step == 2
     assert drive.step(tsbench.Control(0.0, 0.0))
 

@@ -12,9 +12,8 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
+from forgeries import change_rows
 from patience import HANG_S
 
 from tsbench.board.claim import claim_of, claims_of
@@ -251,16 +250,6 @@ def test_no_claim_has_other_files_of_this_machine_read(
     assert set(changed_files(f"{folder}/mine.py:P", planner)) == {*names} - {"secret"}
 
 
-def with_rows(run: Path, change: Callable[[list[Json]], list[Json]]) -> None:
-    """Puts other rows into a run's table, and its hash into the manifest."""
-    path = run / "episodes.parquet"
-    table = pq.read_table(path)
-    pq.write_table(pa.Table.from_pylist(change(table.to_pylist()), schema=table.schema), path)
-    manifest = json.loads((run / "run.json").read_text())
-    manifest["files"]["episodes.parquet"] = sha256_of(path)
-    (run / "run.json").write_text(json.dumps(manifest))
-
-
 @pytest.mark.parametrize(
     ("change", "strange"),
     [
@@ -273,7 +262,7 @@ def test_episodes_of_no_row_of_the_split_refute_a_run(
     run: Path, released: str, change: Callable[[list[Json]], list[Json]], strange: str
 ) -> None:
     """None of them can be drawn, so none would ever be wrong."""
-    with_rows(run, change)
+    change_rows(run, change)
     (claim, *_) = claims_of(run)
     found = verify(claim, None, **DRAW)  # type: ignore[arg-type]
     assert found.verdict is ClaimVerdict.REFUTED
@@ -285,7 +274,7 @@ def test_episodes_of_no_row_of_the_split_refute_a_run(
     ("changes", "said"), [({}, "stands twice"), ({"scd": True, "outcome": "collision"}, "contradicts")]
 )
 def test_no_run_writes_such_rows(run: Path, changes: Json, said: str) -> None:
-    with_rows(run, lambda rows: [{**rows[0], **changes}, *rows[bool(changes) :]])
+    change_rows(run, lambda rows: [{**rows[0], **changes}, *rows[bool(changes) :]])
     assert said in refusal(claims_of, run)
 
 

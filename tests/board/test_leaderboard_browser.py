@@ -111,7 +111,6 @@ def test_a_failure_is_played(watched: Page) -> None:
     told = page.inner_text("#player-verdict")
     assert "violated the sign" in told or "obeyed what" in told or "·" in told
     box = page.locator("#player").bounding_box()
-    assert box is not None
     assert box["x"] >= 0
     assert box["x"] + box["width"] <= page.evaluate("innerWidth")
     page.keyboard.press("ArrowRight")

@@ -120,7 +120,6 @@ def test_seeds_of_one_planner_stand_as_mean_and_spread_above_their_rows(honest: 
     low, high = (value or 0.0 for value in scd)
     assert low < high
     first = re.search(r'data-value="([0-9.]+)">([0-9.]+)<small>± ([0-9.]+)</small>', seeds)
-    assert first is not None
     assert float(first[1]) == pytest.approx((low + high) / 2)
     assert float(first[3]) == pytest.approx(abs(high - low) / 2**0.5, abs=0.05)
     # So they stand in the chart, too.
@@ -368,7 +367,6 @@ def test_scenes_with_two_signs_stand_by_squared_scd(honest: Make, tmp_path: Path
     assert "squared SCD" in index
     (own,) = (tmp_path / "site").glob("idm-e-*.html")
     columns = re.search(r'<thead><tr><th scope="col">type</th>(.*)</tr></thead>', own.read_text())
-    assert columns is not None
     assert re.findall(r">(\w+)</th>", columns[1]) == ["squared", "paired", "signed", "contrast"]
     assert re.search(r"limit_and_yield</th><td[^>]*>20\.0", own.read_text())
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
-from forgeries import pass_all, slow_down
+from forgeries import change_manifest, pass_all, slow_down
 from submitted import TOWN
 
 import tsbench
@@ -117,9 +117,7 @@ def test_a_planner_that_shared_the_referees_process_is_none_unless_it_says_so(ru
     with pytest.raises(InputError, match="idm shared the referee's process: drive it with --isolate"):
         make(shared_process=False)
     assert make(shared_process=True).isolation is None
-    path = run / "run.json"
-    manifest = json.loads(path.read_text())
-    path.write_text(json.dumps({**manifest, "isolation": {"idm": {"namespaces": True}}}))
+    change_manifest(run, isolation={"idm": {"namespaces": True}})
     assert make(shared_process=False).isolation == {"namespaces": True}
     with pytest.raises(InputError, match="idm-e shared the referee's process"):
         make("idm-e", shared_process=False)

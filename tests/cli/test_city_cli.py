@@ -14,12 +14,13 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from command_line import in_process
+from data_folder import in_force
 from odd_extracts import BUILT, grid, motorway
 from town import EAST, Town, make_town
 
 import tsbench
 from tsbench.cli import main
-from tsbench.core import paths as repository_paths
 from tsbench.core.paths import CITY
 from tsbench.learn.envs.drive_env import DriveEnv
 from tsbench.make.maps.utm import UtmFrame
@@ -56,24 +57,18 @@ def clone(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     ]
     (root / "cities" / "nowhere.yaml").write_text(yaml.safe_dump(city))
     (root / "cities" / "elsewhere.yaml").write_text(yaml.safe_dump(city | {"city": "elsewhere", "zone": 33}))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TSBENCH_DATA", str(root))
+    with in_force(root) as patch:
         patch.delenv(CITY, raising=False)
         patch.setenv("COLUMNS", "200")
-        repository_paths.data_root.cache_clear()
         yield root
-    repository_paths.data_root.cache_clear()
 
 
 def call(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> str:
-    with pytest.raises(SystemExit) as ended:
-        main(list(arguments))
-    told = capsys.readouterr()
-    assert ended.value.code == code, told.out + told.err
+    out, err = in_process(arguments[0], capsys)(*arguments[1:], expect=code)
     assert DataSet().name == "moscow", "a command leaves its city behind"
     if code:
-        assert told.err.strip().count("\n") == 0, told.err
-    return told.out + told.err
+        assert err.strip().count("\n") == 0, err
+    return out + err
 
 
 def rows_of(data: Path) -> list[dict[str, object]]:

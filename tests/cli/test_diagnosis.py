@@ -10,10 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from command_line import in_process
+from data_folder import in_force
 
-from tsbench.cli import diagnosis, main
+from tsbench.cli import diagnosis
 from tsbench.cli.diagnosis import REPAIR, Diagnosis, Status, alone, check_packages, judge_packages, locked
-from tsbench.core import paths
 from tsbench.core.errors import InputError
 from tsbench.scenarios.data_set import read_table, write_table
 from tsbench.scenarios.spec import ScenarioSpec
@@ -85,11 +86,8 @@ def copy(tmp_path: Path) -> Iterator[Path]:
     rows = read_table(ROOT / "scenarios" / "test.parquet")[:3]
     write_table(rows, root / "scenarios" / "test.parquet")
     _store(rows, root / "scenarios")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TSBENCH_DATA", str(root))
-        paths.data_root.cache_clear()
+    with in_force(root):
         yield root / "scenarios"
-    paths.data_root.cache_clear()
 
 
 def test_data_that_is_whole_and_a_split_that_is_not_there(copy: Path) -> None:
@@ -207,10 +205,7 @@ def test_findings_and_exit_code(
         yield Diagnosis(status, "data", "a file [b]is[/b] gone", "bring it back")
 
     monkeypatch.setattr(diagnosis, "CHECKS", {"all": check})
-    with pytest.raises(SystemExit) as ended:
-        main(["doctor"])
-    assert ended.value.code == code
-    lines = capsys.readouterr().out.splitlines()
+    lines = in_process("doctor", capsys)(expect=code)[0].splitlines()
     assert lines[0].split() == ["ok", "Python", "fine"]
     assert "a file [b]is[/b] gone" in lines[1]
     assert lines[2].strip() == "-> bring it back"

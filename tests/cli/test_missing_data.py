@@ -9,8 +9,8 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 from command_line import in_process, refused
+from data_folder import in_force
 
-from tsbench.core import paths
 from tsbench.core.errors import InputError
 from tsbench.learn.envs.drive_env import DriveEnv
 from tsbench.scenarios.data_set import DataSet
@@ -33,7 +33,7 @@ def tables(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def lacking(tables: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def lacking(tables: Path, tmp_path: Path) -> Iterator[Path]:
     """A data folder with tables of scenarios, and a folder to work in."""
     root = tmp_path / "data"
     (root / "scenarios").mkdir(parents=True)
@@ -41,12 +41,9 @@ def lacking(tables: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> It
         (root / name).symlink_to(ROOT / name)
     for path in tables.iterdir():
         (root / "scenarios" / path.name).symlink_to(path)
-    monkeypatch.setenv("TSBENCH_DATA", str(root))
-    monkeypatch.chdir(tmp_path)
-    paths.data_root.cache_clear()
-    yield tmp_path
-    monkeypatch.undo()
-    paths.data_root.cache_clear()
+    with in_force(root) as patch:
+        patch.chdir(tmp_path)
+        yield tmp_path
 
 
 @pytest.mark.parametrize(

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import click
 import pytest
-from command_line import in_process, refused
+from command_line import commands, in_process, refused
 
 import tsbench
 from tsbench.api.evaluate import spec_of
@@ -20,20 +19,10 @@ from tsbench.learn.envs.drive_env import DriveEnv
 PATH_WORDS = ("FILE", "DIR", "PATH", "RUN", "PLANNER", "SPEC", "file.py")
 
 
-def commands(group: click.Group, context: click.Context, words: str = "") -> Iterator[tuple[str, click.Command]]:
-    for name in group.list_commands(context):
-        command = group.get_command(context, name)
-        assert command is not None
-        if isinstance(command, click.Group):
-            yield from commands(command, context, f"{words} {name}")
-        else:
-            yield f"{words} {name}".strip(), command
-
-
 def path_parameters() -> list[tuple[str, click.Parameter]]:
     """All options and arguments that take a path, or words that may begin with one."""
     found = []
-    for words, command in commands(cli, click.Context(cli)):
+    for words, command in commands(cli):
         for parameter in command.params:
             shown = parameter.metavar or (parameter.name or "").upper()
             takes_path = isinstance(parameter.type, click.Path)

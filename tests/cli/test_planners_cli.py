@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from command_line import in_process
+from episode_builders import spec
 from patience import HANG_S
 
-from tsbench.cli import main
 from tsbench.cli.planners import planners
 from tsbench.core.errors import SimulationError
 from tsbench.episode.outcome import EpisodeResult, Outcome
@@ -19,7 +19,6 @@ from tsbench.planners.check import Level, check_statically
 from tsbench.planners.registry import names, resolve
 from tsbench.run.check_planner import DriveSample, check_driving, choose, findings
 from tsbench.scenarios.data_set import DataSet
-from tsbench.scenarios.spec import ScenarioSpec
 
 BAD = """
 import os, random, time
@@ -76,12 +75,8 @@ def bad(tmp_path: Path) -> Path:
 
 
 def result(commands: np.ndarray, outcome: Outcome = Outcome.ARRIVED, error: str = "") -> EpisodeResult:
-    spec = ScenarioSpec(
-        "s", "yield", "priority", "2.4", None, "m", "junction", "T", "", 0, "test", 1, 1.0, 1.0, 0.0, -1, 0, 600,
-        "", "", "", "",
-    )  # fmt: skip
     times = np.full(len(commands), 1e-4)
-    return EpisodeResult(spec, "p", outcome, error, "", None, commands, times, 0.0, 0.0, 0.0)
+    return EpisodeResult(spec("s"), "p", outcome, error, "", None, commands, times, 0.0, 0.0, 0.0)
 
 
 def told(seen: DriveSample, topic: str) -> list[tuple[Level, str]]:
@@ -101,10 +96,8 @@ def test_what_breaks_off_is_one_line_and_exit_code_1(
         raise SimulationError("SUMO broke off\nat 3.0 s")
 
     monkeypatch.setattr("tsbench.planners.registry.names", broken)
-    with pytest.raises(SystemExit) as ended:
-        main(["planners", "list"])
-    assert ended.value.code == 1
-    assert capsys.readouterr().err == "error: SUMO broke off at 3.0 s\n"
+    _, err = in_process("planners", capsys)("list", expect=1)
+    assert err == "error: SUMO broke off at 3.0 s\n"
 
 
 def test_measurements_become_words() -> None:

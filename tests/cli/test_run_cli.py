@@ -5,14 +5,13 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import click
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from command_line import in_process, refused
+from command_line import commands, in_process, refused
 from patience import HANG_S
 
 from tsbench.cli import cli
@@ -41,20 +40,9 @@ def test_help_names_all_commands_in_three_groups() -> None:
     assert sorted(named) == sorted(cli.list_commands(click.Context(cli)))
 
 
-def _leaves(command: click.Command, path: tuple[str, ...] = ()) -> Iterator[tuple[str, click.Command]]:
-    if not isinstance(command, click.Group):
-        yield " ".join(path), command
-        return
-    context = click.Context(command)
-    for name in command.list_commands(context):
-        below = command.get_command(context, name)
-        assert below is not None
-        yield from _leaves(below, (*path, name))
-
-
 def test_an_option_is_one_thing_in_all_commands() -> None:
     found: dict[str, dict[str, str]] = {}
-    for path, command in _leaves(cli):
+    for path, command in commands(cli):
         for one in command.params:
             if isinstance(one, click.Option):
                 assert len(one.opts) == 1, (path, one.opts)

@@ -8,15 +8,13 @@ import importlib
 import re
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from command_line import in_process, refused
+from data_folder import in_force
 
-from tsbench.cli import main
-from tsbench.core import paths as repository_paths
-from tsbench.make.maps.netconvert import build_net
 from tsbench.make.scenes.traffic import Car
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
@@ -36,15 +34,12 @@ pool_builders = importlib.import_module("pool_builders")
 def made_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two maps, one of them test; three rows each."""
     root = tmp_path_factory.mktemp("data")
-    build_net(world.cross_plain(), root / "cross.net.xml.gz")
     folder, built = root / "scenarios", root / "built"
     shutil.copytree(ROOT / "scenarios" / "recipes", folder / "recipes")
     built.mkdir()
     (root / "sign_catalog").symlink_to(ROOT / "sign_catalog")
     (root / "sumo_nets").mkdir()
-    net = built / "cross.net.xml.gz"
-    shutil.move(root / "cross.net.xml.gz", net)
-    maker = world.SceneMaker(built, net, read_network(net))
+    maker = world.SceneMaker.over(world.cross_plain(), built, "cross")
     sign = world.plate(maker.network, "s_in", 139.0, "2.4", junction="x", approach="s_in", main_in="w_in e_in")
     start, way = EgoStart("s_in_0", 60.0, 7.75), ("s_in", "n_out")
     rows: dict[str, list[ScenarioSpec]] = {"train": [], "test": []}
@@ -74,35 +69,19 @@ def certificate(spec: ScenarioSpec, basis: str = "", density: float = 0.0) -> Ce
     )  # fmt: skip
 
 
-@contextmanager
-def in_force(root: Path) -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TSBENCH_DATA", str(root))
-        patch.setenv("COLUMNS", "200")
-        repository_paths.data_root.cache_clear()
-        yield
-    repository_paths.data_root.cache_clear()
-
-
 @pytest.fixture
 def data(made_data: Path, tmp_path: Path) -> Iterator[Path]:
     """A copy in force for one test, which may break it."""
     root = tmp_path / "data"
     shutil.copytree(made_data, root, symlinks=True)
-    with in_force(root):
+    with in_force(root) as patch:
+        patch.setenv("COLUMNS", "200")
         yield root
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str, expect: int = 0) -> str:
-    with pytest.raises(SystemExit) as ended:
-        main(["scenarios", *arguments])
-    told = capsys.readouterr()
-    assert ended.value.code == expect, told.err + told.out
-    if expect == 2:
-        assert told.err.strip().count("\n") == 0
-        assert "Traceback" not in told.err
-        return told.err
-    return told.out
+    command = in_process("scenarios", capsys)
+    return refused(command, *arguments) if expect == 2 else command(*arguments, expect=expect)[0]
 
 
 def test_list(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -250,8 +229,7 @@ def traffic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     root.mkdir(parents=True)
     (tmp_path / "data" / "sign_catalog").symlink_to(ROOT / "sign_catalog")
     shutil.copy(ROOT / "scenarios" / "nuplan_statistics.json", root)
-    build_net(world.road_plain(), root / "road.net.xml.gz")
-    maker = world.SceneMaker(root, root / "road.net.xml.gz", read_network(root / "road.net.xml.gz"))
+    maker = world.SceneMaker.over(world.road_plain(), root)
     cars = [Car(f"bg_{k}", 0, 0.0, ("road",), k, 100.0) for k in range(3)]
     rows = [
         maker.make(
@@ -267,7 +245,8 @@ def traffic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     # The one simulation of this process is lent to the command.
     monkeypatch.setattr("tsbench.sim.sumo.Simulation", lambda: world.simulation())
     monkeypatch.setattr(world.simulation(), "close", lambda: None)
-    with in_force(tmp_path / "data"):
+    with in_force(tmp_path / "data") as patch:
+        patch.setenv("COLUMNS", "200")
         yield root
 
 

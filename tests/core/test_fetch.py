@@ -10,10 +10,11 @@ from http.server import SimpleHTTPRequestHandler
 from pathlib import Path
 
 import pytest
+from command_line import in_process
+from data_folder import in_force
 from serving import serving
 
-from tsbench.cli import main
-from tsbench.core import fetch, paths
+from tsbench.core import fetch
 from tsbench.core.errors import InputError
 
 CONTENT = {"scenarios/a b.parquet": b"rows" * 1000, "scenarios/scenes/train/x.parquet": bytes(3 << 20)}
@@ -57,28 +58,23 @@ def address(origin: Path) -> Iterator[str]:
 
 
 @pytest.fixture
-def known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def known(tmp_path: Path) -> Iterator[Path]:
     """A manifest that knows these files as the set `train`, and an empty data folder in force, which is given."""
     files = [[name, len(content), hashlib.sha256(content).hexdigest()] for name, content in CONTENT.items()]
     told = {"schema_version": 1, "sets": {"train": {"about": "made up", "files": files}}}
     (tmp_path / "manifest.json").write_text(json.dumps(told), encoding="utf-8")
     root = tmp_path / "data"
     (root / "sign_catalog").mkdir(parents=True)
-    monkeypatch.setattr(fetch, "MANIFEST", tmp_path / "manifest.json")
-    monkeypatch.setenv("TSBENCH_DATA", str(root))
-    paths.data_root.cache_clear()
-    fetch.data_sets.cache_clear()
-    yield root
-    paths.data_root.cache_clear()
+    with in_force(root) as patch:
+        patch.setattr(fetch, "MANIFEST", tmp_path / "manifest.json")
+        fetch.data_sets.cache_clear()
+        yield root
     fetch.data_sets.cache_clear()
 
 
 def run(capsys: pytest.CaptureFixture[str], *arguments: str, expect: int = 0) -> str:
-    with pytest.raises(SystemExit) as ended:
-        main(list(arguments))
-    told = capsys.readouterr()
-    assert ended.value.code == expect, told.err
-    return told.err if expect else told.out
+    out, err = in_process(arguments[0], capsys)(*arguments[1:], expect=expect)
+    return err if expect else out
 
 
 def files_below(root: Path) -> set[str]:

@@ -14,19 +14,14 @@ from episode_builders import same_snapshots
 
 from tsbench.core.seeds import floor_seed, planner_seed
 from tsbench.episode import outcome as outcome_module
-from tsbench.episode.outcome import EpisodeResult, Outcome, Phase
+from tsbench.episode.outcome import EpisodeFacts, EpisodeResult, Outcome, Phase
 from tsbench.episode.perception_level import Perception
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.make.maps.netconvert import build_net
 from tsbench.make.scenes.scene_files import lead_time
 from tsbench.make.scenes.traffic import Car
 from tsbench.planners.registry import resolve
 from tsbench.roads.lane_graph import Destination
-from tsbench.roads.network import read_network
-from tsbench.scenarios.data_set import DataSet
-from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.store import SceneFolder
 from tsbench.sim.scene import ConvoyPlan, EgoStart, Obstacle
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -39,28 +34,13 @@ END = Destination("road", 150.0)
 
 
 @pytest.fixture(scope="module")
-def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("episodes")
-    build_net(world.road_plain(), folder / "road.net.xml.gz")
-    build_net(world.cross_plain(), folder / "cross.net.xml.gz")
-    return folder
-
-
-@pytest.fixture(scope="module")
-def on_road(root: Path):
-    net = root / "road.net.xml.gz"
-    return world.SceneMaker(root, net, read_network(net))
-
-
-@pytest.fixture(scope="module")
-def on_cross(root: Path):
-    net = root / "cross.net.xml.gz"
-    return world.SceneMaker(root, net, read_network(net))
+def root(net_folder: Path) -> Path:
+    return net_folder
 
 
 def runner(root: Path, planner: str, **more: object) -> EpisodeRunner:
     """A runner on the hand-made scenes, with the one simulation of this process."""
-    shared = {"simulation": world.simulation(), "loader": SceneLoader(DataSet(), SceneFolder(root))}
+    shared = {"simulation": world.simulation(), "loader": world.loader_of(root)}
     return EpisodeRunner(resolve(f"scripted:{planner}"), **shared, **more)  # type: ignore[arg-type]
 
 
@@ -69,10 +49,9 @@ def on_the_road(on_road, name: str, start: EgoStart = START, end: Destination = 
     return on_road.make(name, start, end, ("road",), sign, **more)
 
 
-def consistent(result: EpisodeResult) -> None:
-    """What holds for every episode that was simulated."""
+def consistent(result: EpisodeResult) -> EpisodeFacts:
+    """Asserts what holds for every episode that was simulated; its facts."""
     facts = result.facts
-    assert facts is not None
     steps = [s.step for s in facts.snapshots]
     assert steps == list(range(len(steps)))
     assert len(result.commands) == len(result.planner_s)
@@ -82,20 +61,20 @@ def consistent(result: EpisodeResult) -> None:
         assert b.time == pytest.approx(a.time + 0.1)
         moved = math.hypot(b.ego.x - a.ego.x, b.ego.y - a.ego.y)
         assert moved <= max(a.ego.speed, b.ego.speed) * 0.1 * 1.05 + 1e-9
+    return facts
 
 
 @pytest.mark.parametrize("planner", ["Follow", "FollowPoses"])
 def test_arrived(root: Path, on_road, planner: str) -> None:
     result = runner(root, planner).run(on_the_road(on_road, "plain"))
-    consistent(result)
+    facts = consistent(result)
     assert (result.outcome, result.error, result.detail) == (Outcome.ARRIVED, "", "")
-    assert result.facts is not None
-    last, before = result.facts.snapshots[-1].ego, result.facts.snapshots[-2].ego
+    last, before = facts.snapshots[-1].ego, facts.snapshots[-2].ego
     assert abs(last.s - 150.0) <= 5.0 < abs(before.s - 150.0)
-    assert result.facts.route.remaining == pytest.approx(150.0 - last.s, abs=0.1)
-    assert result.facts.start_remaining_m == pytest.approx(130.0, abs=0.1)
-    assert result.facts.snapshots[0].ego.x == pytest.approx(20.0)
-    assert len(result.facts.snapshots) == pytest.approx(1 + 125 / 0.8, abs=3)
+    assert facts.route.remaining == pytest.approx(150.0 - last.s, abs=0.1)
+    assert facts.start_remaining_m == pytest.approx(130.0, abs=0.1)
+    assert facts.snapshots[0].ego.x == pytest.approx(20.0)
+    assert len(facts.snapshots) == pytest.approx(1 + 125 / 0.8, abs=3)
 
 
 def test_every_lane_of_the_destination_counts(root: Path, on_road) -> None:
@@ -106,14 +85,12 @@ def test_every_lane_of_the_destination_counts(root: Path, on_road) -> None:
 def test_collision_with_an_obstacle(root: Path, on_road) -> None:
     cones = world.obstacle(on_road.network, "road_1", 90.0)
     result = runner(root, "Straight").run(on_the_road(on_road, "cones", obstacles=[cones]))
-    consistent(result)
+    facts = consistent(result)
     assert result.outcome is Outcome.COLLISION
-    assert result.facts is not None
-    contact = result.facts.contact
-    assert contact is not None
+    contact = facts.contact
     assert (contact.partner_kind, contact.partner, contact.at_fault) == ("obstacle", "obstacle_0", True)
-    assert contact.step == result.facts.snapshots[-1].step
-    gap = cones.x - cones.length / 2 - (result.facts.snapshots[-1].ego.x + EGO_LENGTH_M / 2)
+    assert contact.step == facts.snapshots[-1].step
+    gap = cones.x - cones.length / 2 - (facts.snapshots[-1].ego.x + EGO_LENGTH_M / 2)
     assert -2.3 <= gap <= 0.0
 
 
@@ -122,20 +99,17 @@ def test_collision_with_a_vehicle(root: Path, on_road) -> None:
     cars = [Car("bg_000", 0, 0.0, ("road",), 1, 70.0)]
     spec = on_the_road(on_road, "slow", cars=cars, drivers=[slow])
     result = runner(root, "Straight").run(spec)
-    consistent(result)
+    facts = consistent(result)
     assert result.outcome is Outcome.COLLISION
-    assert result.facts is not None
-    contact = result.facts.contact
-    assert contact is not None
+    contact = facts.contact
     assert (contact.partner_kind, contact.partner, contact.at_fault) == ("vehicle", "bg_000", True)
 
 
 def test_off_road_sideways(root: Path, on_road) -> None:
     result = runner(root, "Swerve").run(on_the_road(on_road, "plain"))
-    consistent(result)
+    facts = consistent(result)
     assert result.outcome is Outcome.OFF_ROAD
-    assert result.facts is not None
-    on_road_until = [s.ego.on_road for s in result.facts.snapshots]
+    on_road_until = [s.ego.on_road for s in facts.snapshots]
     assert on_road_until == [True] * (len(on_road_until) - 1) + [False]
 
 
@@ -144,18 +118,16 @@ def test_off_the_end_of_the_map(root: Path, on_cross) -> None:
     start = EgoStart("w_in_0", 100.0, 10.0)
     spec = on_cross.make("over", start, Destination("n_out", 80.0), ("w_in", "n_out"), sign)
     result = runner(root, "Straight").run(spec)
-    consistent(result)
+    facts = consistent(result)
     assert result.outcome is Outcome.OFF_ROAD
-    assert result.facts is not None
-    assert result.facts.snapshots[-1].ego.x == pytest.approx(150.0, abs=2.3)
+    assert facts.snapshots[-1].ego.x == pytest.approx(150.0, abs=2.3)
 
 
 def test_timeout(root: Path, on_road) -> None:
     result = runner(root, "Stand").run(on_the_road(on_road, "short", horizon=30))
-    consistent(result)
+    facts = consistent(result)
     assert result.outcome is Outcome.TIMEOUT
-    assert result.facts is not None
-    assert len(result.facts.snapshots) == 31
+    assert len(facts.snapshots) == 31
     assert len(result.commands) == 30
 
 
@@ -277,8 +249,6 @@ def test_masked_signs_keep_their_place_only(root: Path, on_road) -> None:
     left = replace(plain, code="", value=None, edge="", lane=-1, position_m=math.nan, outline="")
     assert repr(first) == repr(left)
     # The judge is not masked.
-    assert bare.facts is not None
-    assert masked.facts is not None
     assert bare.facts.verdicts == masked.facts.verdicts
 
 
@@ -288,7 +258,6 @@ def test_only_experts_are_told_the_rule(root: Path, on_road) -> None:
     runner(root, "Privileged").run(spec)
     plain, expert = scripted.Scripted.contexts[-2:]
     assert plain.privilege is None
-    assert expert.privilege is not None
     assert expert.privilege.signs[0].code == "3.24"
     assert plain.seed == expert.seed
     assert plain.seed == planner_seed(spec.pair_name)
@@ -301,7 +270,7 @@ def test_only_experts_are_told_the_rule(root: Path, on_road) -> None:
 def test_a_floor_gets_a_seed_of_its_row(root: Path, on_road) -> None:
     spec = on_the_road(on_road, "plain")
     loaded = replace(resolve("scripted:Follow"), floor=True)
-    shared = {"simulation": world.simulation(), "loader": SceneLoader(DataSet(), SceneFolder(root))}
+    shared = {"simulation": world.simulation(), "loader": world.loader_of(root)}
     EpisodeRunner(loaded, **shared).run(spec)
     assert scripted.Scripted.contexts[-1].seed == floor_seed(spec.scenario_id) != planner_seed(spec.pair_name)
 
@@ -329,19 +298,17 @@ def test_others_go_by_what_the_ego_shows(root: Path, on_cross) -> None:
     entered = {}
     for planner in ("Follow", "IndicatesRight"):
         result = runner(root, planner).run(spec)
-        assert result.facts is not None
         ys = [float(s.actors.pose[0, 1]) for s in result.facts.snapshots if len(s.actors)]
         entered[planner] = next((k for k, y in enumerate(ys) if y > -3.2), len(ys))
     assert entered["IndicatesRight"] < entered["Follow"]
 
 
-def test_sumo_is_told_the_way_again_where_it_has_forgotten_it(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sumo_is_told_the_way_again_where_it_has_forgotten_it(
+    root: Path, on_block, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As when SUMO takes the ego for another path's inside a junction: who has no way on is seen by nobody."""
-    net = root / "block.net.xml.gz"
-    build_net(world.block_plain(), net)
-    made = world.SceneMaker(root, net, read_network(net))
-    sign, way = world.speed_plate(made.network, "ta", 60.0), ("ta", "ab", "bu")
-    spec = made.make("forgotten", EgoStart("ta_0", 100.0, 8.0), Destination("bu", 20.0), way, sign)
+    sign, way = world.speed_plate(on_block.network, "ta", 60.0), ("ta", "ab", "bu")
+    spec = on_block.make("forgotten", EgoStart("ta_0", 100.0, 8.0), Destination("bu", 20.0), way, sign)
     sim, routes = world.simulation(), {}
     step = sim.step
 
@@ -367,7 +334,6 @@ def test_two_runs_are_the_same_tick_by_tick(root: Path, on_road) -> None:
     first = runner(root, "Follow").run(spec)
     runner(root, "Straight").run(on_the_road(on_road, "plain"))
     again = runner(root, "Follow").run(spec)
-    assert first.facts is not None
     assert again.facts is not None
     assert max(len(s.actors) for s in first.facts.snapshots) >= 5
     assert np.array_equal(first.commands, again.commands)
@@ -387,7 +353,6 @@ def test_the_convoy_comes_when_the_ego_does(root: Path, on_cross) -> None:
     plan = ConvoyPlan("s_in_0", 7.0, seconds, 8.0, 8.0, ("convoy_0", "convoy_1"))
     spec = on_cross.make("convoy", start, end, ("s_in", "n_out"), sign, convoy=plan, convoy_at=at)
     result = runner(root, "Follow").run(spec)
-    assert result.facts is not None
     shots = result.facts.snapshots
     table = shots[-1].actors.table
     lead = [s.actors.index.tolist().index(table.rows["convoy_0"]) for s in shots]

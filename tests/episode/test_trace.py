@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +13,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from command_line import one_line
+from forgeries import flip_byte, rewrite_trace, with_column
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -43,6 +44,14 @@ def an_episode(n: int = 50) -> EpisodeFacts:
     )  # fmt: skip
 
 
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    """A trace that a test may break."""
+    path = tmp_path / "t.parquet"
+    write_trace(path, made.result(an_episode()))
+    return path
+
+
 def test_a_trace_comes_back_bit_for_bit(tmp_path: Path) -> None:
     episode = an_episode()
     result = made.result(episode, error="none")
@@ -67,13 +76,8 @@ def test_plans_come_back_and_older_traces_have_none(tmp_path: Path) -> None:
     write_trace(path, made.result(episode, plans=told))
     plans = read_trace(path).plans
     assert [None if plan is None else plan.tolist() for plan in plans] == [[[1.5, 2.5], [3.25, -4.0]], None, [], None]
-    assert plans[0] is not None
     assert (plans[0].dtype, plans[2].shape) == (np.float32, (0, 2))  # type: ignore[union-attr]
-    table = pq.read_table(path).drop_columns(["plan_x", "plan_y"])
-    head = pq.ParquetFile(path).metadata.metadata[b"tsbench.trace"]
-    with pq.ParquetWriter(path, table.schema) as writer:
-        writer.write_table(table)
-        writer.add_key_value_metadata({"tsbench.trace": head})
+    rewrite_trace(path, table=lambda ticks: ticks.drop_columns(["plan_x", "plan_y"]))
     assert read_trace(path).plans == (None,) * 4
 
 
@@ -126,22 +130,15 @@ def test_every_float_survives(tmp_path_factory: pytest.TempPathFactory, numbers:
 
 
 @pytest.mark.parametrize("share", [0.0, 0.001, 0.3, 0.7, 0.999])
-def test_a_truncated_trace_is_named(tmp_path: Path, share: float) -> None:
-    path = tmp_path / "t.parquet"
-    write_trace(path, made.result(an_episode()))
+def test_a_truncated_trace_is_named(path: Path, share: float) -> None:
     whole = path.read_bytes()
     path.write_bytes(whole[: int(len(whole) * share)])
-    with pytest.raises(InputError, match=r"t\.parquet: .*trace") as caught:
+    with one_line(match=r"t\.parquet: .*trace"):
         read_trace(path)
-    assert "\n" not in str(caught.value)
 
 
-def test_a_flipped_bit_is_seen(tmp_path: Path) -> None:
-    path = tmp_path / "t.parquet"
-    write_trace(path, made.result(an_episode()))
-    whole = bytearray(path.read_bytes())
-    whole[len(whole) // 8] ^= 4
-    path.write_bytes(whole)
+def test_a_flipped_bit_is_seen(path: Path) -> None:
+    flip_byte(path, path.stat().st_size // 8)
     with pytest.raises(InputError, match=r"t\.parquet"):
         read_trace(path)
 
@@ -157,15 +154,6 @@ def test_foreign_files(tmp_path: Path) -> None:
         read_trace(tmp_path / "other")
 
 
-def edited(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
-    with pq.ParquetFile(path) as file:
-        head, table = json.loads(file.metadata.metadata[b"tsbench.trace"]), file.read()
-    change(head)
-    with pq.ParquetWriter(path, table.schema) as writer:
-        writer.write_table(table)
-        writer.add_key_value_metadata({"tsbench.trace": json.dumps(head)})
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -177,19 +165,15 @@ def edited(path: Path, change: Callable[[dict[str, Any]], object]) -> None:
         (lambda h: h["target"]["violations"].append({"rule": "speed"}), "clause: is missing"),
     ],
 )
-def test_other_metadata(tmp_path: Path, change: Callable[[dict[str, Any]], object], words: str) -> None:
-    path = tmp_path / "t.parquet"
-    write_trace(path, made.result(an_episode()))
-    edited(path, change)
+def test_other_metadata(path: Path, change: Callable[[dict[str, Any]], object], words: str) -> None:
+    rewrite_trace(path, change)
     with pytest.raises(InputError, match=words) as caught:
         read_trace(path)
     assert str(caught.value).startswith(str(path))
 
 
-def test_a_trace_from_before_contrast_scenes(tmp_path: Path) -> None:
-    path = tmp_path / "t.parquet"
-    write_trace(path, made.result(an_episode()))
-    edited(path, lambda head: head.pop("needless"))
+def test_a_trace_from_before_contrast_scenes(path: Path) -> None:
+    rewrite_trace(path, lambda head: head.pop("needless"))
     assert read_trace(path).verdicts.needless == ()
 
 
@@ -204,12 +188,7 @@ def test_names_make_safe_files(tmp_path: Path) -> None:
 
 def repeated(path: Path, ticks: int) -> None:
     """The first tick of a trace many times over."""
-    with pq.ParquetFile(path) as file:
-        head, table = file.metadata.metadata[b"tsbench.trace"], file.read()
-    first = pa.concat_tables([table.slice(0, 1)] * ticks)
-    with pq.ParquetWriter(path, table.schema) as writer:
-        writer.write_table(first)
-        writer.add_key_value_metadata({"tsbench.trace": head.decode()})
+    rewrite_trace(path, table=lambda table: pa.concat_tables([table.slice(0, 1)] * ticks))
 
 
 @pytest.fixture
@@ -222,9 +201,7 @@ def unread(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pq.ParquetFile, "read", read)
 
 
-def test_more_ticks_than_the_scenario_has_are_not_read(tmp_path: Path, request: pytest.FixtureRequest) -> None:
-    path = tmp_path / "t.parquet"
-    write_trace(path, made.result(an_episode()))
+def test_more_ticks_than_the_scenario_has_are_not_read(path: Path, request: pytest.FixtureRequest) -> None:
     horizon = read_trace(path).spec.horizon
     repeated(path, horizon + 1)
     assert len(read_trace(path).snapshots) == horizon + 1
@@ -234,27 +211,18 @@ def test_more_ticks_than_the_scenario_has_are_not_read(tmp_path: Path, request: 
         read_trace(path)
 
 
-def test_no_scenario_has_endless_ticks(tmp_path: Path, request: pytest.FixtureRequest) -> None:
-    path = tmp_path / "t.parquet"
-    write_trace(path, made.result(an_episode()))
+def test_no_scenario_has_endless_ticks(path: Path, request: pytest.FixtureRequest) -> None:
     repeated(path, 10_002)
-    edited(path, lambda head: head["scenario"].update(horizon=10**9))
+    rewrite_trace(path, lambda head: head["scenario"].update(horizon=10**9))
     request.getfixturevalue("unread")
     with pytest.raises(InputError, match=r"10002 rows, .* too large"):
         read_trace(path)
 
 
-def test_few_bytes_that_unpack_to_many_are_not_read(tmp_path: Path, request: pytest.FixtureRequest) -> None:
-    path = tmp_path / "t.parquet"
-    write_trace(path, made.result(an_episode()))
-    with pq.ParquetFile(path) as file:
-        head, table = file.metadata.metadata[b"tsbench.trace"], file.read().slice(0, 1)
-    plan = pa.array([np.zeros(40_000_000, np.float32)], table.schema.field("plan_x").type)
+def test_few_bytes_that_unpack_to_many_are_not_read(path: Path, request: pytest.FixtureRequest) -> None:
+    plan = [np.zeros(40_000_000, np.float32)]
     for name in ("plan_x", "plan_y"):
-        table = table.set_column(table.schema.get_field_index(name), table.schema.field(name), plan)
-    with pq.ParquetWriter(path, table.schema, compression="zstd") as writer:
-        writer.write_table(table)
-        writer.add_key_value_metadata({"tsbench.trace": head.decode()})
+        rewrite_trace(path, table=lambda table, name=name: with_column(table.slice(0, 1), name, lambda _: plan))
     assert path.stat().st_size < 1_000_000
     request.getfixturevalue("unread")
     with pytest.raises(InputError, match=r"1 rows, 61\d MiB unpacked: too large"):

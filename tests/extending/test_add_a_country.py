@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import pytest
 from command_line import in_process
+from data_folder import in_force
 from own_copy import Copy
 from PIL import Image, ImageChops
-
-from tsbench.core.paths import data_root
 
 POLAND = """
 schema: 1
@@ -86,15 +85,10 @@ def test_pictures_say_what_is_unknown(clone: Copy) -> None:
 
 
 def test_a_data_folder_of_one_s_own_is_named_by_the_environment(
-    clone: Copy, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    clone: Copy, capsys: pytest.CaptureFixture[str]
 ) -> None:
     clone.write("sign_catalog/countries/pl.yaml", POLAND)
     signs = in_process("signs", capsys)
     assert "Poland" not in signs("equivalents")[0]
-    monkeypatch.setenv("TSBENCH_DATA", str(clone.root))
-    data_root.cache_clear()
-    try:
+    with in_force(clone.root):
         assert "Poland" in signs("equivalents")[0]
-    finally:
-        monkeypatch.undo()
-        data_root.cache_clear()

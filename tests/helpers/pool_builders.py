@@ -1,18 +1,25 @@
-"""Rows of a pool that does not exist, and networks that placements prepare of them."""
+"""Rows of a pool that does not exist, networks that placements prepare of them, and scenes and sites on these."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from simworld import FAST
+import numpy as np
+import pytest
+from simworld import CALM, FAST, simulation
 
 from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainEdge, PlainNet, PlainNode
 from tsbench.make.placements.by_name import placement_of
-from tsbench.make.scenes.recipe import Recipe, load_recipe
+from tsbench.make.placements.placement import Arrangement, SceneTask
+from tsbench.make.scenes import map_scenarios as site_module
+from tsbench.make.scenes.map_scenarios import MapScenarios, SiteBuilder
+from tsbench.make.scenes.recipe import Recipe, Variant, load_recipe, variants_of
+from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.catalog import load_catalog
@@ -28,6 +35,36 @@ def prepared(folder: Path, type_id: str, row: PoolRow, crop: PlainNet) -> RoadNe
     net = folder / f"{type_id}{row.shape}.net.xml.gz"
     build_net(placement_of(recipe_of(type_id)).prepare(row, crop, recipe_of(type_id)), net)
     return read_network(net)
+
+
+def scene_task(row: PoolRow, network: RoadNetwork, recipe: Recipe, variant: Variant, seed: int = 1) -> SceneTask:
+    """One scene to arrange, among calm drivers."""
+    rng = np.random.default_rng(seed)
+    return SceneTask(row, network, LaneGraph(network), recipe, variant, (CALM,) * 12, rng)
+
+
+def signed_half(task: SceneTask) -> Arrangement:
+    return placement_of(task.recipe).place(task)
+
+
+def halves_of(task: SceneTask) -> tuple[Arrangement, Arrangement]:
+    """The signed half of a pair and its contrast half."""
+    signed = signed_half(task)
+    contrast = placement_of(task.recipe).contrast(task, signed)
+    assert contrast is not None
+    return signed, contrast
+
+
+def built_site(
+    recipe: Recipe, root: Path, made: tuple[PoolRow, PlainNet], chosen: Callable[[tuple[Variant, ...]], Any],
+    prover: Any = None, split: str = "test",
+) -> MapScenarios:  # fmt: skip
+    """The site of a row and its crop below a folder. chosen: picks of the map's variants those that are built."""
+    row, crop = made
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(site_module, "plain_crop", lambda *_: crop)
+        patch.setattr(site_module, "variants_of", lambda *names: chosen(variants_of(*names)))
+        return SiteBuilder(recipe, root, simulation(), prover).build(row, None, split)  # type: ignore[arg-type]
 
 
 def row(

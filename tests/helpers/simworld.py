@@ -21,6 +21,9 @@ import numpy as np
 from lxml import etree
 
 from tsbench.core.xmlfile import read_plain, sha256
+from tsbench.episode.outcome import EpisodeResult
+from tsbench.episode.runner import EpisodeRunner
+from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainConnection, PlainEdge, PlainNet, PlainNode
 from tsbench.make.scenes.traffic import (
     Car,
@@ -32,8 +35,11 @@ from tsbench.make.scenes.traffic import (
     obstacle_elements,
     write_additional,
 )
+from tsbench.planners.registry import resolve
 from tsbench.roads.lane_graph import Destination
-from tsbench.roads.network import RoadNetwork
+from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneFolder, store_path, write_store
 from tsbench.signs.annotations import SignInstance, plate_params
@@ -52,6 +58,16 @@ CALM = Driver(speed=9.0, accel=1.5, decel=2.5, headway=1.3, gap=2.0, length=4.5,
 def simulation() -> Simulation:
     """The simulation of this process, whichever test asks for it."""
     return Simulation()
+
+
+def loader_of(root: Path) -> SceneLoader:
+    """Loads scenes whose files stand below a folder."""
+    return SceneLoader(DataSet(), SceneFolder(root))
+
+
+def driven(spec: ScenarioSpec, root: Path, planner: str = "idm", sim: Simulation | None = None) -> EpisodeResult:
+    """An episode of a scene whose files stand below a folder."""
+    return EpisodeRunner(resolve(planner), simulation=sim or simulation(), loader=loader_of(root)).run(spec)
 
 
 def edge(a: PlainNode, b: PlainNode, lanes: int = 1, priority: int = 5, name: str = "") -> PlainEdge:
@@ -142,6 +158,13 @@ class SceneMaker:
 
     def __init__(self, root: Path, net: Path, network: RoadNetwork) -> None:
         self.root, self.net, self.network = root, net, network
+
+    @classmethod
+    def over(cls, roads: PlainNet, root: Path, name: str = "roads") -> SceneMaker:
+        """A maker of scenes over a network that is built for them."""
+        net = root / f"{name}.net.xml.gz"
+        build_net(roads, net)
+        return cls(root, net, read_network(net))
 
     def make(
         self, name: str, start: EgoStart, destination: Destination, route: Sequence[str], sign: SignInstance,

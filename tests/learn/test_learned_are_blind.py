@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import pytest
 
 from tsbench.episode.perception_level import Perception
@@ -15,18 +13,11 @@ from tsbench.sim.sumo import Simulation
 BLIND = [n for n in registry.names() if registry.entry(n).weights and not registry.entry(n).sign_access]
 
 
-@pytest.fixture(scope="module")
-def simulation() -> Iterator[Simulation]:
-    made = Simulation()
-    yield made
-    made.close()
-
-
 @pytest.mark.parametrize("name", BLIND)
-def test_masked_signs_change_nothing(name: str, simulation: Simulation) -> None:
+def test_masked_signs_change_nothing(name: str, sim: Simulation) -> None:
     row = next(r for r in DataSet().table("test") if r.scenario_type == "yield" and r.density > 0)
     commands = [
-        EpisodeRunner(registry.resolve(name), perception=Perception(masked=mask), simulation=simulation)
+        EpisodeRunner(registry.resolve(name), perception=Perception(masked=mask), simulation=sim)
         .run(row)
         .commands.tobytes()
         for mask in (False, True)

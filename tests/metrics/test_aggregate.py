@@ -49,11 +49,9 @@ def test_errors_are_failures_in_the_strict_figure() -> None:
     rows = [row(map_id=f"m{k}", outcome="sim_error" if k < 2 else "arrived") for k in range(10)]
     p = only(rows)
     assert (p.asked, p.recorded, p.completed) == (10, 10, 8)
-    assert p.primary.overall.strict is not None
     assert (p.primary.overall.strict.value, p.primary.overall.strict.n) == (80.0, 10)
     assert (p.primary.overall.completed.value, p.primary.overall.completed.n) == (100.0, 8)
     score = p.metrics["driving_score"]
-    assert score.strict is not None
     assert (score.strict.value, score.completed.value) == (80.0, 100.0)
     assert p.metrics["collision"].strict is None
     assert p.metrics["collision"].completed.n == 8
@@ -62,7 +60,6 @@ def test_errors_are_failures_in_the_strict_figure() -> None:
 
 def test_nothing_but_errors() -> None:
     p = only([row(map_id=f"m{k}", outcome="planner_error") for k in range(6)])
-    assert p.primary.overall.strict is not None
     assert p.primary.overall.strict.value == 0.0
     assert p.primary.overall.completed.value is None
     assert p.metrics["comfort"].completed.reason == "no episode"
@@ -149,7 +146,6 @@ def test_figures_hold_together(seed: int, errors: float) -> None:
         if figure.strict is not None and figure.completed.n:
             assert figure.strict.n >= figure.completed.n
     kinds = [f.strict.value for f in p.primary.types.values() if f.strict is not None]
-    assert p.primary.overall.strict is not None
     assert p.primary.overall.strict.value == pytest.approx(np.mean([k for k in kinds if k is not None]))
 
 

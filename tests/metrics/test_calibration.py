@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from simworld import CALM, SceneMaker, simulation, speed_plate
+from simworld import CALM, SceneMaker, loader_of, simulation, speed_plate
 
 from tsbench.core.errors import InputError
 from tsbench.make.scenes.recipe import INITIAL_SPEEDS_MPS, variants_of
@@ -25,10 +25,7 @@ from tsbench.metrics.calibration import (
 from tsbench.report.analyses.traffic_calibration import calibration
 from tsbench.report.charts import save_chart
 from tsbench.roads.lane_graph import Destination
-from tsbench.scenarios.data_set import DataSet
-from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.store import SceneFolder
 from tsbench.sim.nuplan import quantile, quantile_speed
 from tsbench.sim.scene import EgoStart
 
@@ -106,7 +103,7 @@ def busy(on_road: SceneMaker) -> ScenarioSpec:
 
 def test_speeds_are_those_of_moving_background_cars(busy: ScenarioSpec, net_folder: Path) -> None:
     seen: list[int] = []
-    speeds = driven_speeds([busy, busy], simulation(), SceneLoader(DataSet(), SceneFolder(net_folder)), seen.append)
+    speeds = driven_speeds([busy, busy], simulation(), loader_of(net_folder), seen.append)
     assert seen == [1, 2]
     # 200 m at 6 m/s, every half second, two cars, twice.
     assert len(speeds) == pytest.approx(2 * 2 * 60, abs=12)

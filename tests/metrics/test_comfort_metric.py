@@ -54,7 +54,6 @@ def test_yaw_rate_and_lateral_bounds(speed: float, yaw_rate: float, share: float
 
 def test_a_jolt_costs_the_steps_around_it() -> None:
     share = of(driven([0.0] * 100 + [-4.0] * 20 + [0.0] * 100, speed=20.0))
-    assert share is not None
     # Two jolts, each felt for about the window of the filter.
     assert 1 - 2 * 15 / 220 <= share < 1
 
@@ -62,7 +61,6 @@ def test_a_jolt_costs_the_steps_around_it() -> None:
 def test_yaw_acceleration() -> None:
     wobble = [0.94 * math.sin(2 * math.pi * 0.42 * k * DT_S) for k in range(150)]
     share = of(driven([0.0] * 150, wobble, speed=3.0))
-    assert share is not None
     # The peaks of 2.5 rad/s2 are over the bound of 1.93 even after smoothing; a slower wobble is fine throughout.
     assert share < 1.0
     slower = [0.7 * math.sin(2 * math.pi * 0.25 * k * DT_S) for k in range(150)]

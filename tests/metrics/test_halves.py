@@ -86,7 +86,6 @@ def test_an_error_in_one_half_fails_the_pair_and_completes_no_pair() -> None:
     rows = [r for k in range(9) for r in pair(map_id=f"m{k}")]
     p = only([*rows, *pair(outcomes=("arrived", "sim_error"), map_id="m9")])
     figure = p.scores["paired_scd"].overall
-    assert figure.strict is not None
     assert (figure.strict.value, figure.strict.n) == (90.0, 10)
     assert (figure.completed.value, figure.completed.n) == (100.0, 9)
     assert p.scores["signed_scd"].overall.completed.n == 10
@@ -148,8 +147,6 @@ def test_no_more_pairs_are_passed_than_halves(seed: int) -> None:
     for kind, figure in paired.types.items():
         for part in ("signed_scd", "contrast_scd"):
             value = p.scores[part].types[kind].main.value
-            assert figure.main.value is not None
-            assert value is not None
             assert figure.main.value <= value + 1e-9
     means = {part: np.mean([p.scores[part].types[kind].main.value for kind in paired.types]) for part in p.scores}
     assert paired.overall.main.value == pytest.approx(means["paired_scd"])

@@ -73,7 +73,6 @@ def test_power_as_published() -> None:
 def test_a_detectable_effect_as_published() -> None:
     # The same example turned round: at the power that it has, its difference of 24 points is what is found.
     effect = detectable(50, 4, 16, 0.10)
-    assert effect is not None
     assert effect < 0.24
     assert mcnemar_power(50, 0.08, effect, 0.10) == pytest.approx(0.8, abs=1e-4)
 
@@ -97,14 +96,12 @@ def test_the_same_counts_are_worked_out_once(monkeypatch: pytest.MonkeyPatch) ->
 def test_detectable_is_near_the_formula_for_large_samples() -> None:
     n, lost = 2000, 100
     effect = detectable(n, 120, lost, 0.05)
-    assert effect is not None
     flips = 2 * lost / n + effect
     # Miettinen (1968): pairs needed to find `effect` with 80 % power.
     needed = ((1.96 * flips**0.5 + 0.8416 * (flips - effect**2) ** 0.5) / effect) ** 2
     assert needed == pytest.approx(n, rel=0.06)
     assert detectable(n, lost, 120, 0.05) == effect
     stricter = detectable(n, 120, lost, 0.05 / 29)
-    assert stricter is not None
     assert stricter > effect
 
 
@@ -115,7 +112,6 @@ def test_too_few_pairs_detect_nothing(n: int, won: int, lost: int) -> None:
 
 def test_flips_both_ways_leave_room_for_the_effect() -> None:
     effect = detectable(24, 6, 5, 0.05 / 6)
-    assert effect is not None
     assert 0.58 < effect < 0.8
 
 
@@ -154,7 +150,6 @@ def test_what_is_the_same_differs_by_nothing_but_proves_little() -> None:
 def test_all_won() -> None:
     d = between(np.zeros(100), np.ones(100))
     assert (d.value, d.high, d.mde, d.significant) == (100.0, 100.0, None, True)
-    assert d.low is not None
     assert 85 < d.low < 97
 
 
@@ -179,8 +174,6 @@ def test_a_paired_bootstrap_as_published() -> None:
     d = between(FIRST, FIRST + GAIN, METRICS["mean_speed"], variants=1)
     assert (d.a, d.value, d.significant) == (pytest.approx(0.75), pytest.approx(1.58), True)
     # The bootstrap's standard error of a mean is Student's SD / sqrt(n): both divide by n, not n - 1.
-    assert d.low is not None
-    assert d.high is not None
     assert d.high - d.low == pytest.approx(2 * 1.96 * GAIN_SD / 10**0.5, rel=0.06)
     # Around 0 the difference proves nothing, and the effect that would have is 2.80 such errors.
     centred = between(FIRST, FIRST + GAIN - 1.58, METRICS["mean_speed"], variants=1)
@@ -215,14 +208,12 @@ def test_a_mean_over_pairs_does_not_depend_on_the_number_of_types() -> None:
     metric = next(m for m in METRICS.values() if not m.binary and m.scale == 1.0)
     found = between(a, b, metric, parts=4)
     assert (found.a, found.b) == (pytest.approx(a.mean(), abs=0.01), pytest.approx(b.mean(), abs=0.01))
-    assert found.low is not None
     assert found.low <= found.value <= (found.high or 0.0)
 
 
 def test_few_maps_have_no_interval_but_a_p() -> None:
     d = between(np.zeros(20), np.ones(20))
     assert (d.low, d.reason) == (None, "only 4 places, fewer than 5")
-    assert d.p is not None
     assert d.p < 0.05
     assert between(np.zeros(0), np.zeros(0)).reason == "no pair"
 
@@ -235,7 +226,6 @@ def test_intervals_cover_the_true_difference() -> None:
         chance = np.repeat(rng.beta(1, 3, 30), 5)
         won = rng.random(150) < chance
         d = difference(bootstrap, "x", pairs(np.zeros(150), won), SCD)
-        assert d.low is not None
         assert d.high is not None
         held += d.low <= 25.0 <= d.high
     assert 0.88 <= held / 200 <= 0.99
@@ -269,7 +259,6 @@ def test_errors_count_in_the_strict_figure_only() -> None:
     ]
     c = compared(rows)
     figure = c.primary.types["yield"]
-    assert figure.strict is not None
     assert (figure.strict.value, figure.strict.n, figure.strict.lost) == (-20.0, 10, 2)
     assert (figure.completed.value, figure.completed.n) == (0.0, 8)
     assert (c.scenarios, c.completed, len(c.flips)) == (10, 8, 2)
@@ -281,7 +270,6 @@ def test_a_comparison_agrees_with_its_records() -> None:
     c = compared(random_rows(("idm", "idm-e"), errors=0.05))
     assert list(c.primary.groups) == ["priority", "speed", "obstacles", "routing"]
     strict = [f.strict for f in c.primary.types.values() if f.strict is not None]
-    assert c.primary.overall.strict is not None
     assert c.primary.overall.strict.value == pytest.approx(np.mean([d.value for d in strict]))
     assert sum(f.won for f in c.flips) == sum(d.won or 0 for d in strict)
     assert sum(not f.won for f in c.flips) == sum(d.lost or 0 for d in strict)
@@ -289,7 +277,6 @@ def test_a_comparison_agrees_with_its_records() -> None:
     assert all(d.p_holm is not None and d.p is not None and d.p_holm >= d.p for d in strict)
     for figure in (c.primary.overall, *c.primary.groups.values(), *c.primary.types.values(), c.metrics["efficiency"]):
         for d in (figure.main, figure.completed):
-            assert d.low is not None
             assert d.high is not None
             assert d.low <= d.value <= d.high
             assert d.significant == (d.mde is None)

@@ -7,9 +7,9 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from data_folder import in_force
 from scripts import load_script
 
-from tsbench.core import paths
 from tsbench.core.fetch import MANIFEST, data_sets, fetch_set
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -34,20 +34,16 @@ def test_every_file_of_data_is_in_one_set() -> None:
 
 
 def test_what_is_laid_out_is_what_is_fetched(
-    data_sets_script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    data_sets_script: ModuleType, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     data_sets_script.lay_out(tmp_path / "origin")
     assert "test: " in capsys.readouterr().out
     root = tmp_path / "data"
     (root / "sign_catalog").mkdir(parents=True)
-    monkeypatch.setenv("TSBENCH_DATA", str(root))
-    paths.data_root.cache_clear()
-    try:
+    with in_force(root):
         for name in ("test", "train"):
             data = data_sets()[name]
             assert fetch_set(data, str(tmp_path / "origin"), lambda file: None) == len(data.files) > 20
-    finally:
-        paths.data_root.cache_clear()
 
 
 def test_a_changed_file_is_not_laid_out(

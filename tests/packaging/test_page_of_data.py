@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from episode_builders import spec
 from scripts import load_script
 
 from tsbench.make.scenes.overview import TypeStats, dataset_tables
@@ -24,16 +25,14 @@ def cells(analysis: Analysis) -> dict[str, object]:
     return dict(zip(heads, analysis.table.rows[0].cells, strict=True))
 
 
-SPEC = ScenarioSpec(
-    "yield-j-v0", "yield", "priority", "2.4", None, "j", "junction", "T", "", 0, "test", 1, 7.75, 90.0, 0.0, -1, 0,
-    600, "", "", "", "",
-)  # fmt: skip
 ASKED = Asked(("2.4", None), "south", (), "south_0", "north")
 OTHER = (("3.24", 5.6, "east"),)
 
 
 def rows(*asked: Any, map_id: str = "j") -> list[tuple[ScenarioSpec, Any]]:
-    return [(replace(SPEC, map_id=map_id, variant=k, density=float(k)), one) for k, one in enumerate(asked)]
+    return [
+        (replace(spec("yield-j-v0"), map_id=map_id, variant=k, density=float(k)), one) for k, one in enumerate(asked)
+    ]
 
 
 def test_the_page_counts_rows_by_split_and_shows_those_of_test() -> None:

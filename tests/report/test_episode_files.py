@@ -10,13 +10,13 @@ from pathlib import Path
 import cv2
 import pyarrow as pa
 import pytest
+from command_line import in_process, refused
 from PIL import Image as PilImage
 from run_builders import episode, lost, make_run
 
 import tsbench
-from tsbench.cli import main
 from tsbench.core.errors import InputError
-from tsbench.core.files import io_errors_as_input_errors, replacing
+from tsbench.core.files import replacing
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, read_trace, trace_path, write_trace
 from tsbench.planners.registry import resolve
@@ -125,7 +125,6 @@ def test_an_episode_without_a_trace_is_driven_again(pair: Path) -> None:
     kept.unlink()
     assert traces.read("idm", rows["signed"]["scenario_id"]).against == as_kept.against
     beside = traces.of_other_half(rows["signed"])
-    assert beside is not None
     assert (beside.spec.half, str(beside.outcome)) == ("contrast", rows["contrast"]["outcome"])
     assert other.is_file()
     assert rescore(pair).disagreements == ()
@@ -149,45 +148,19 @@ def test_an_episode_that_is_another_now_is_refused(pair: Path, tmp_path: Path) -
     assert not (tmp_path / "traces").exists()
 
 
-def test_a_file_is_whole_or_not_there(tmp_path: Path) -> None:
-    def write_half() -> None:
-        with replacing(tmp_path / "new" / "a") as part:
-            part.write_text("half")
-            raise RuntimeError
-
-    with pytest.raises(RuntimeError):
-        write_half()
-    assert list((tmp_path / "new").iterdir()) == []
-    (tmp_path / "file").write_text("")
-    with (
-        pytest.raises(InputError, match="file: File exists"),
-        io_errors_as_input_errors(tmp_path / "file" / "a"),
-        replacing(tmp_path / "file" / "a"),
-    ):
-        pass
-
-
-def command(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    with pytest.raises(SystemExit) as ended:
-        main(["render", *map(str, arguments)])
-    told = capsys.readouterr()
-    return int(ended.value.code or 0), told.out, told.err
-
-
 @pytest.mark.slow
 def test_the_command_draws_all_violations(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     trace_path(run, "my.py:P", "yield-m0-v0").write_bytes(b"torn")
-    code, out, _ = command(capsys, run, "--failures", "--format", "mp4", "--workers", "2")
-    assert code == 1
+    render = in_process("render", capsys)
+    out, _ = render(str(run), "--failures", "--format", "mp4", "--workers", "2", expect=1)
     assert "my.py:P/yield-m0-v0: " in out
     assert "2 mp4 files made, 0 kept, 1 failed" in out
     films = sorted((run / "pictures").glob("*/*.mp4"))
     assert [f.stem for f in films] == ["speed_limit-m0-v0", "yield-m0-v0"]
     assert cv2.VideoCapture(str(films[0])).get(cv2.CAP_PROP_FRAME_COUNT) > 50
-    code, out, _ = command(capsys, run, "--types", "yield", "--planner", "idm", "--format", "mp4")
-    assert (code, out.splitlines()[0]) == (0, "0 mp4 files made, 1 kept, 0 failed")
-    code, out, _ = command(capsys, run, "--failures", "--types", "speed", "--country", "de", "--out", run / "de")
-    assert code == 0
+    out, _ = render(str(run), "--types", "yield", "--planner", "idm", "--format", "mp4")
+    assert out.splitlines()[0] == "0 mp4 files made, 1 kept, 0 failed"
+    render(str(run), "--failures", "--types", "speed", "--country", "de", "--out", str(run / "de"))
     assert PilImage.open(run / "de" / "idm" / "speed_limit-m0-v0.de.png").format == "PNG"
 
 
@@ -198,7 +171,4 @@ def test_wrong_usage_is_one_line(run: Path, capsys: pytest.CaptureFixture[str], 
         ((run, "--failures", "--time", 1), "--time chooses the moment of one EPISODE"),
         ((tmp_path, "--failures"), "no run folder"),
     ):
-        code, out, err = command(capsys, *arguments)
-        assert (code, out) == (2, "")
-        assert words in err
-        assert err.count("\n") == 1
+        assert words in refused(in_process("render", capsys), *map(str, arguments))

@@ -55,7 +55,6 @@ def test_figures_are_those_of_the_summary() -> None:
     assert f"{overall.value:.1f}" in text
     assert f"{overall.low:.1f}–{overall.high:.1f}" in text
     kind = summary.planners[0].primary.types["type03"].strict
-    assert kind is not None
     assert f"| {kind.value:.1f} ({kind.low:.1f}–{kind.high:.1f}) | {kind.n} | 8 |" in to_markdown(summary)
 
 

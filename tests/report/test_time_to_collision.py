@@ -38,7 +38,6 @@ def test_at_the_entry_it_is_what_the_rule_measured(drives: dict[str, Trace]) -> 
     trace = drives[BLOCKED]
     event = next(e for e in trace.against if e.clause == BLOCKED)
     curve = times_to_conflict(trace, load_scene(DataSet(), trace.spec))
-    assert curve is not None
     assert curve[round(event.start_s / DT_S)] == pytest.approx(event.value, abs=1e-9)
     assert curve[0] > FARTHEST_S
     assert curve[-1] > FARTHEST_S  # the ego has left the junction

@@ -49,7 +49,6 @@ def test_crossing_paths_have_a_zone_and_those_that_part_none() -> None:
     assert none is None
     assert zone.a_out - zone.a_in == pytest.approx(met[0].width, abs=0.2)
     narrow = path_zones((across,), met, width=1.0)[0][0]
-    assert narrow is not None
     assert narrow.a_out - narrow.a_in == pytest.approx(1.0, abs=0.2)
 
 

@@ -38,7 +38,6 @@ def contra() -> RoadNetwork:
 
 
 def lanes_of(network: RoadNetwork, path: RoutePath | None) -> list[str]:
-    assert path is not None
     return [lane.id for p in path.pieces if not (lane := network.lanes[p.lane]).internal]
 
 
@@ -91,7 +90,6 @@ def test_navigation_goes_straight_on_into_a_contraflow_lane(contra: RoadNetwork)
 def test_from_inside_the_contraflow_lane_the_way_leads_on(contra: RoadNetwork) -> None:
     graph, lane = LaneGraph(contra), contra.lane("cb_0")
     path = graph.path(("bc",), lane.index, 30.0, Destination("bc", 60.0))
-    assert path is not None
     assert path.line.point_at(0.0) == pytest.approx(lane.line.point_at(30.0))
     assert path.line.point_at(10.0)[0] == pytest.approx(lane.line.point_at(30.0)[0] + 10.0)
 

@@ -210,7 +210,6 @@ def test_a_drive_has_the_same_verdict_in_either_numbering_of_lanes(kind: str) ->
     ids = [[lane.id for lane in scenes[half].network.lanes] for half in ("signed", "contrast")]
     assert ids[0] != ids[1]
     facts = runner.run(halves["signed"]).facts
-    assert facts is not None
     here = verdicts_of_other_half(scenes["signed"], scenes["signed"].network, facts.snapshots)
     assert here == facts.verdicts
     there = verdicts_of_other_half(scenes["contrast"], scenes["signed"].network, facts.snapshots)

@@ -6,11 +6,10 @@ from typing import Any
 
 import pytest
 from labelled import network
-from simworld import edge, plain
+from simworld import SceneMaker, edge, plain
 
-from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainNode
-from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.roads.network import RoadNetwork
 from tsbench.rules import lines
 from tsbench.rules.lines import reverse_edges
 from tsbench.sim.world import EGO_LENGTH_M, EgoState
@@ -59,8 +58,7 @@ def test_who_drives_on_the_wrong_side_of_a_road_that_is_cut_is_on_it(tmp_path: P
     nodes = {k: PlainNode(k, x, 0.0) for k, x in places.items()}
     own = [edge(nodes[p[0]], nodes[p[1]], name=f"ab.{k}") for k, p in enumerate(("am", "mn", "nb"))]
     back = edge(nodes["b"], nodes["a"])
-    build_net(plain(list(nodes.values()), [*own, back]), tmp_path / "net.net.xml.gz")
-    net = read_network(tmp_path / "net.net.xml.gz")
+    net = SceneMaker.over(plain(list(nodes.values()), [*own, back]), tmp_path).network
     assert lines.cut_road(net, "ab.1") == ("ab.0", "ab.1", "ab.2")
     assert reverse_edges(net, "ab.1") == (("ba",), ("ab.0", "ab.1", "ab.2"))
     zone = road_over(net, ("ab.1",))
@@ -76,8 +74,7 @@ def test_pieces_in_a_loop_and_contraflows_are_no_cut_road(tmp_path: Path) -> Non
     nodes = {k: PlainNode(k, x, y) for k, x, y in (("a", 0.0, 0.0), ("m", 100.0, 0.0), ("b", 200.0, 40.0))}
     pairs = {"ab.0": "am", "ab.1": "mb", "ab.contra": "bm", "r.0": "am", "r.1": "ma"}
     roads = [edge(nodes[p], nodes[q], name=name) for name, (p, q) in pairs.items()]
-    build_net(plain(list(nodes.values()), roads), tmp_path / "net.net.xml.gz")
-    net = read_network(tmp_path / "net.net.xml.gz")
+    net = SceneMaker.over(plain(list(nodes.values()), roads), tmp_path).network
     assert lines.cut_road(net, "ab.contra") == ("ab.contra",)
     assert lines.cut_road(net, "ab.0") == ("ab.0", "ab.1")
     assert lines.cut_road(net, "r.0") == ("r.0",), "no end is its beginning"

@@ -162,7 +162,6 @@ def test_a_planner_that_writes_is_marked_in_all_that_a_run_says(tmp_path: Path) 
     spec, out = planner(tmp_path / "mine", deed), tmp_path / "run"
     drive(out, spec)
     manifest = read_manifest(out)
-    assert manifest is not None
     (told,) = manifest["later"]
     assert told["left"] == [f"open {tmp_path / 'note'}"]
     assert "may remember" in (out / "summary.json").read_text()
@@ -180,7 +179,6 @@ def test_a_note_of_an_episode_that_ends_its_process_counts(tmp_path: Path) -> No
     spec, out = planner(tmp_path / "mine", deed), tmp_path / "run"
     drive(out, spec, limit=1)
     manifest = read_manifest(out)
-    assert manifest is not None
     assert manifest["later"][0]["left"] == ["an episode that did not end"]
 
 

@@ -8,9 +8,8 @@ import shutil
 from contextlib import chdir, redirect_stdout
 from pathlib import Path
 
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
+from forgeries import rewrite_trace, with_column
 
 from tsbench.cli import main
 from tsbench.core.errors import InputError
@@ -75,16 +74,12 @@ def copy(made: Path, tmp_path: Path) -> Path:
 def edit(folder: Path, column: str, tick: int, value: object) -> None:
     """Change one value of the only trace of a run."""
     (path,) = (folder / "traces").rglob("*.parquet")
-    file = pq.ParquetFile(path)
-    head = file.metadata.metadata[b"tsbench.trace"].decode()
-    table = file.read()
-    values = table[column].to_pylist()
-    values[tick] = value(values[tick]) if callable(value) else value
-    index = table.schema.get_field_index(column)
-    table = table.set_column(index, table.schema.field(column), pa.array(values, table.schema.field(column).type))
-    with pq.ParquetWriter(path, table.schema, write_page_checksum=True) as writer:
-        writer.write_table(table)
-        writer.add_key_value_metadata({"tsbench.trace": head})
+
+    def change(values: list[object]) -> list[object]:
+        values[tick] = value(values[tick]) if callable(value) else value
+        return values
+
+    rewrite_trace(path, table=lambda ticks: with_column(ticks, column, change))
 
 
 def test_an_honest_run_agrees(made: Path) -> None:
@@ -124,13 +119,7 @@ def test_an_edited_trace_is_named(copy: Path, column: str, tick: int, value: obj
 
 def test_a_trace_of_another_scene_is_named(copy: Path) -> None:
     (path,) = (copy / "traces").rglob("*.parquet")
-    file = pq.ParquetFile(path)
-    head = json.loads(file.metadata.metadata[b"tsbench.trace"])
-    table = file.read()
-    head["scenario"]["seed"] += 1
-    with pq.ParquetWriter(path, table.schema, write_page_checksum=True) as writer:
-        writer.write_table(table)
-        writer.add_key_value_metadata({"tsbench.trace": json.dumps(head)})
+    rewrite_trace(path, head=lambda told: told["scenario"].update(seed=told["scenario"]["seed"] + 1))
     assert any("its trace is of another scenario than the table's row" in s for s in rescore(copy).disagreements)
 
 
@@ -138,7 +127,6 @@ def test_what_rescore_writes_is_what_a_report_says(copy: Path) -> None:
     assert read_run(copy).rescored == "not rescored"
     tsbench(copy.parent, "rescore", "copy")
     found = read_rescored(copy)
-    assert found is not None
     assert (found.traces, found.untraced, found.disagreements) == (1, 0, 0)
     run = read_run(copy)
     assert (found.contract, found.edition) == (run.contract, run.edition)

@@ -8,17 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from simworld import SceneMaker, plate
+from command_line import one_line
+from simworld import SceneMaker, loader_of, plate
 
-from tsbench.core.errors import InputError
 from tsbench.core.xmlfile import read_plain, sha256
 from tsbench.make.scenes.verify import verify_rows
 from tsbench.roads.lane_graph import Destination
 from tsbench.roads.network import read_network
-from tsbench.scenarios.data_set import DataSet
-from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.store import SceneFolder
 from tsbench.sim.scene import EgoStart
 
 
@@ -34,18 +31,16 @@ def made(on_block: SceneMaker, tmp_path: Path) -> tuple[Path, ScenarioSpec]:
 
 
 def refuse(root: Path, spec: ScenarioSpec) -> str:
-    with pytest.raises(InputError) as told:
-        SceneLoader(DataSet(), SceneFolder(root)).load(spec)
-    text = str(told.value)
-    assert "\n" not in text
+    with one_line() as said:
+        loader_of(root).load(spec)
     # What `scenarios verify` and a run say is the same line.
-    assert verify_rows([spec], SceneLoader(DataSet(), SceneFolder(root)), lambda _: None) == [(spec.scenario_id, text)]
-    return text
+    assert verify_rows([spec], loader_of(root), lambda _: None) == [(spec.scenario_id, said[0])]
+    return said[0]
 
 
 def test_a_scene_is_loaded_with_its_roads(made: tuple[Path, ScenarioSpec]) -> None:
     root, spec = made
-    scene, roads = SceneLoader(DataSet(), SceneFolder(root)).load(spec)
+    scene, roads = loader_of(root).load(spec)
     assert scene.network is roads.network is roads.graph.network is roads.locator.network
     assert scene.start == EgoStart("ta_0", 60.0, 8.0)
     assert (scene.seed, scene.horizon) == (spec.seed, spec.horizon)
@@ -53,7 +48,7 @@ def test_a_scene_is_loaded_with_its_roads(made: tuple[Path, ScenarioSpec]) -> No
 
 def test_more_maps_than_are_kept(made: tuple[Path, ScenarioSpec]) -> None:
     root, spec = made
-    loader = SceneLoader(DataSet(), SceneFolder(root))
+    loader = loader_of(root)
     first = loader.load(spec)[1]
     for k in range(6):
         shutil.copy(root / spec.net, root / f"copy{k}.net.xml.gz")
@@ -67,7 +62,7 @@ def test_a_hash_is_of_the_content_not_of_its_packing(made: tuple[Path, ScenarioS
     root, spec = made
     path = root / spec.additional
     path.write_bytes(gzip.compress(gzip.decompress(path.read_bytes()), compresslevel=1))
-    SceneLoader(DataSet(), SceneFolder(root)).load(spec)
+    loader_of(root).load(spec)
     bare = root / "bare.add.xml"
     bare.write_bytes(gzip.decompress(path.read_bytes()))
     assert sha256(read_plain(bare, "scene file")) == spec.additional_sha256
@@ -119,7 +114,5 @@ def test_a_row_of_an_unknown_type(made: tuple[Path, ScenarioSpec]) -> None:
     root, spec = made
     odd = replace(spec, scenario_type="fly")
     counted: list[int] = []
-    assert verify_rows([odd, spec], SceneLoader(DataSet(), SceneFolder(root)), counted.append) == [
-        ("one", "unknown scenario type 'fly'")
-    ]
+    assert verify_rows([odd, spec], loader_of(root), counted.append) == [("one", "unknown scenario type 'fly'")]
     assert counted == [1, 2]

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from command_line import one_line
 
 from tsbench.core.errors import InputError
 from tsbench.signs.catalog import load_catalog
@@ -55,11 +56,8 @@ def test_malformed_files_give_one_line_with_file_and_key(
     edited: Callable[[str, str, str], Path], name: str, old: str, new: str, said: str
 ) -> None:
     root = edited(name, old, new)
-    with pytest.raises(InputError) as caught:
+    with one_line(str(root), said):
         load_catalog(root)
-    assert str(root) in str(caught.value)
-    assert said in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 def test_a_catalogue_without_files_is_refused(tmp_path: Path) -> None:

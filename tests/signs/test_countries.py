@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import one_line
 
 from tsbench.core.errors import InputError
 from tsbench.core.paths import OWN_CITY
@@ -82,7 +83,6 @@ def test_a_plate_is_the_country_s_where_that_has_a_drawing() -> None:
 @pytest.mark.parametrize("code", ["ad", "at", "de", "gb"])
 def test_all_plates_of_a_country_can_be_drawn(code: str) -> None:
     country = load_country(code)
-    assert country.traffic is not None
     assert (country.traffic.side == "left") == (code == "gb")
     for sign in load_catalog().signs.values():
         printed = sign.value.allowed if sign.value is not None and sign.value.printed else (None,)
@@ -158,11 +158,8 @@ def test_csv_holds_every_entry(tmp_path: Path) -> None:
 )
 def test_damage_is_one_line(edited: Callable[[str, str, str], Path], old: str, new: str, said: str) -> None:
     root = edited("countries/de.yaml", old, new)
-    with pytest.raises(InputError) as error:
+    with one_line(said, str(root / "countries" / "de.yaml")):
         load_country("de", root)
-    assert said in str(error.value)
-    assert str(root / "countries" / "de.yaml") in str(error.value)
-    assert "\n" not in str(error.value)
 
 
 def test_an_unknown_country_names_the_known_ones(catalog_copy: Path) -> None:

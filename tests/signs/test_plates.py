@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import one_line
 from lxml import etree
 
 from tsbench.core.errors import InputError
@@ -75,7 +76,6 @@ def test_every_plate_looks_different() -> None:
 @pytest.mark.parametrize("code", [code for code, sign in SIGNS.items() if sign.value and sign.value.printed])
 def test_each_value_gives_another_picture(code: str) -> None:
     value = SIGNS[code].value
-    assert value is not None
     assert len({plate_rgba(OWN, code, number, 48).tobytes() for number in value.allowed}) == len(value.allowed)
 
 
@@ -133,7 +133,5 @@ def test_a_damaged_drawing_gives_one_line(
 ) -> None:
     root = edited(name, old, new)
     code = Path(name).stem
-    with pytest.raises(InputError, match=said) as caught:
+    with one_line(str(root / name), match=said):
         plate_svg(Artwork(load_catalog(root)), code, posted(code))
-    assert str(root / name) in str(caught.value)
-    assert "\n" not in str(caught.value)

@@ -7,14 +7,11 @@ from itertools import pairwise
 
 import pytest
 from lxml import etree
-from simworld import SceneMaker, motion_at, plate
+from simworld import SceneMaker, loader_of, motion_at, plate
 
 from tsbench.make.scenes.traffic import Car
 from tsbench.roads.lane_graph import Destination
-from tsbench.scenarios.data_set import DataSet
-from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.store import SceneFolder
 from tsbench.sim.convoy import SHOWS_AT_M, Approach, earliest_arrival
 from tsbench.sim.junction_traffic import OLD_HOLD, JunctionTraffic, exchangeable
 from tsbench.sim.scene import ConvoyPlan, EgoStart, Scene, SceneFile
@@ -35,7 +32,7 @@ def scene(made: SceneMaker, name: str, code: str = "2.4", cars: tuple[Car, ...] 
     spec: ScenarioSpec = made.make(
         name, START, Destination("n_out", 60.0), ("s_in", "n_out"), sign, cars=cars, convoy=plan, convoy_at=CONVOY
     )
-    return SceneLoader(DataSet(), SceneFolder(made.root)).load(spec)[0]
+    return loader_of(made.root).load(spec)[0]
 
 
 class Stage:

@@ -10,12 +10,10 @@ import pytest
 from simworld import CALM, SceneMaker, motion_at, plate, road_plain
 
 from tsbench.core.errors import SimulationError
-from tsbench.make.maps.netconvert import build_net
 from tsbench.make.placements.crosswalk import kerb_to_kerb, path_name, with_crossings
 from tsbench.make.scenes.recipe import load_recipe
 from tsbench.make.scenes.traffic import Car, walker_elements
 from tsbench.roads.lane_graph import Destination
-from tsbench.roads.network import read_network
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.scene import EgoStart
@@ -35,11 +33,9 @@ def on_crossing(tmp_path_factory: pytest.TempPathFactory) -> SceneMaker:
     plain = road_plain(250.0, 2)
     road = replace(plain.edges[0], disallow="pedestrian")
     recipe = load_recipe("crosswalk", load_catalog())
-    net = folder / "crossing.net.xml.gz"
     back = replace(road, id="back", source=road.target, target=road.source, num_lanes=1, shape=road.shape[::-1])
     plain = replace(plain, edges=(road, back))
-    build_net(with_crossings(plain, road, back, (100.0, 180.0), recipe), net)
-    return SceneMaker(folder, net, read_network(net))
+    return SceneMaker.over(with_crossings(plain, road, back, (100.0, 180.0), recipe), folder)
 
 
 @pytest.fixture(scope="module")

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 import shapely
+from command_line import in_process, refused
 from patience import HANG_S
 from run_builders import episode, make_run
 
 from tsbench.bridges.commonroad_lanelets import SIGN_NUMBERS
-from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, read_trace, trace_path, write_trace
@@ -226,16 +226,11 @@ def test_who_leaves_and_comes_back_has_two_tracks(traces: list[tuple[Trace, Scen
 
 @pytest.mark.slow
 def test_the_command(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        main(["export", str(run), "idm/speed_limit", "--format", "mcap"])
-    assert not ended.value.code
-    path = Path(capsys.readouterr().out.strip())
+    export = in_process("export", capsys)
+    path = Path(export(str(run), "idm/speed_limit", "--format", "mcap")[0].strip())
     assert path == run / "exports" / "idm" / "speed_limit.mcap"
     assert path.read_bytes()[:5] == b"\x89MCAP"
-    with pytest.raises(SystemExit) as ended:
-        main(["export", str(run), "--format", "mcap"])
-    assert ended.value.code == 2
-    assert "name one EPISODE" in capsys.readouterr().err
+    assert "name one EPISODE" in refused(export, str(run), "--format", "mcap")
 
 
 def test_a_missing_extra_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,6 +13,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+from command_line import one_line
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 
@@ -86,12 +87,11 @@ def test_it_drives_what_a_run_drives(env: DriveEnv) -> None:
     rewards, info = to_the_end(env, np.array([0.1, 0.0]))
     assert info["outcome"] == str(result.outcome)
     assert len(rewards) == len(result.commands)
-    assert result.facts is not None
     assert info["scd"] == (result.facts.verdicts.compliant and result.outcome == "arrived")
 
 
-def test_a_held_action_is_the_same_driving(env: DriveEnv) -> None:
-    held = DriveEnv(split="test", hold=5)
+def test_a_held_action_is_the_same_driving(env: DriveEnv, drive_env: Callable[..., DriveEnv]) -> None:
+    held = drive_env(split="test", hold=5)
     name = sorted(env._by_id)[0]
     env.reset(options={"scenario_id": name})
     each, one = to_the_end(env, STILL)
@@ -102,7 +102,6 @@ def test_a_held_action_is_the_same_driving(env: DriveEnv) -> None:
     assert one == other
     assert len(fifth) == -(-len(each) // 5)
     assert sum(fifth) == pytest.approx(sum(each))
-    held.close()
 
 
 def test_a_seed_decides_the_scenarios(env: DriveEnv) -> None:
@@ -113,8 +112,8 @@ def test_a_seed_decides_the_scenarios(env: DriveEnv) -> None:
     assert drawn(7) != drawn(8)
 
 
-def test_more_of_a_type_is_drawn_three_times_as_often() -> None:
-    made = DriveEnv(split="test", types="speed_limit,yield", more="yield")
+def test_more_of_a_type_is_drawn_three_times_as_often(drive_env: Callable[..., DriveEnv]) -> None:
+    made = drive_env(split="test", types="speed_limit,yield", more="yield")
     kinds = [row.pair_type for row in made._rows]
     assert (kinds.count("yield"), kinds.count("speed_limit")) == (1200, 400)
     assert len(made._by_id) == 800
@@ -129,13 +128,12 @@ def test_the_route_is_worth_one(env: DriveEnv) -> None:
     assert all(0.0 <= r < 0.5 for r in rewards)
 
 
-def test_leaving_the_road_costs(env: DriveEnv) -> None:
-    steered = DriveEnv(split="test", action="steer")
+def test_leaving_the_road_costs(env: DriveEnv, drive_env: Callable[..., DriveEnv]) -> None:
+    steered = drive_env(split="test", action="steer")
     steered.reset(options={"scenario_id": env._rows[0].scenario_id})
     rewards, info = to_the_end(steered, np.array([0.3, -0.2]))
     assert info["outcome"] in ("off_road", "collision")
     assert rewards[-1] < -0.9
-    steered.close()
 
 
 def test_another_environment_takes_the_simulation(env: DriveEnv) -> None:
@@ -155,8 +153,11 @@ def test_another_environment_takes_the_simulation(env: DriveEnv) -> None:
         ({"split": "val"}, "split 'val'"),
         ({"split": "dev", "observation": "lidar"}, "observation 'lidar'"),
         ({"split": "dev", "action": "pedals"}, r"action 'pedals': expected aim \| steer \| cruise \| exit"),
-        ({"split": "dev", "types": "yeild"}, r"^types yeild: no such type or group \(did you mean yield\?\): "),
-        ({"split": "dev", "more": "nothing"}, "nothing"),
+        (
+            {"split": "dev", "types": "yeild"},
+            r"^types yeild: no such type or group \(did you mean yield\?\): groups are",
+        ),
+        ({"split": "dev", "more": "yeild"}, r"^more yeild: no such type or group \(did you mean yield\?\)"),
         ({"split": "dev", "hold": 0}, "hold 0"),
         ({"split": "dev", "hold": 2.5}, r"hold 2\.5: expected a whole number"),
         ({"split": "dev", "hold": True}, "hold True: expected a whole number"),
@@ -171,9 +172,8 @@ def test_another_environment_takes_the_simulation(env: DriveEnv) -> None:
     ],
 )
 def test_wrong_options_are_one_line(asked: dict[str, Any], word: str) -> None:
-    with pytest.raises(InputError, match=word) as caught:
+    with one_line(match=word):
         DriveEnv(**asked)
-    assert "\n" not in str(caught.value)
 
 
 def test_unknown_scenarios_and_broken_actions_are_refused(env: DriveEnv) -> None:
@@ -200,13 +200,6 @@ def test_a_reward_that_is_no_number_is_refused(given: Any, told: str) -> None:
             env.step(np.zeros(2))
 
 
-def test_an_error_names_the_keyword() -> None:
-    with pytest.raises(InputError, match=r"^types yeild: no such type or group \(did you mean yield\?\): groups are"):
-        DriveEnv(split="dev", types="yeild")
-    with pytest.raises(InputError, match=r"^more yeild: no such type or group \(did you mean yield\?\)"):
-        DriveEnv(split="dev", more="yeild")
-
-
 def test_make_vec_by_default_gives_each_a_process() -> None:
     several = gymnasium.make_vec(
         DRIVE, num_envs=2, split="dev", types="speed_limit", observation="vector", action="aim"
@@ -219,10 +212,10 @@ def test_make_vec_by_default_gives_each_a_process() -> None:
     several.close()
 
 
-def test_perception_reaches_what_is_seen() -> None:
+def test_perception_reaches_what_is_seen(drive_env: Callable[..., DriveEnv]) -> None:
     plates = {}
     for level in ("exact", "poor"):
-        made = DriveEnv(split="dev", types="speed_limit", observation="scene", perception=level, half="signed")
+        made = drive_env(split="dev", types="speed_limit", observation="scene", perception=level, half="signed")
         made.reset(options={"scenario": min(made._by_id)})
         codes = 0.0
         for _ in range(20):
@@ -230,27 +223,25 @@ def test_perception_reaches_what_is_seen() -> None:
             # The last column is that of a post whose plate is not known.
             codes += float(seen["plates"][:, 6 + 2 : -1].sum())
         plates[level] = codes
-        made.close()
     assert plates["poor"] < plates["exact"]
 
 
-def test_a_plate_that_the_scene_has_no_column_for_is_named() -> None:
-    made = DriveEnv(split="dev", types="speed_limit", observation="scene")
+def test_a_plate_that_the_scene_has_no_column_for_is_named(drive_env: Callable[..., DriveEnv]) -> None:
+    made = drive_env(split="dev", types="speed_limit", observation="scene")
     made.reset(seed=0)
     o = made.episode.observation
     foreign = replace(o, signs=(replace(o.signs[0], code="9.99"),))
     with pytest.raises(InputError, match=r"plate '9\.99': not in the catalogue"):
         made._seen.encode(foreign)
-    made.close()
 
 
 @pytest.mark.parametrize("kind", ["vector", "bev", "objects", "scene"])
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickled])
 def test_a_copy_has_the_options_and_the_generator_but_no_episode(
-    kind: str, copied: Callable[[DriveEnv], DriveEnv]
+    kind: str, copied: Callable[[DriveEnv], DriveEnv], drive_env: Callable[..., DriveEnv]
 ) -> None:
     action = "exit" if kind == "scene" else "aim"
-    made = DriveEnv(split="dev", types="yield", observation=kind, action=action, hold=2)
+    made = drive_env(split="dev", types="yield", observation=kind, action=action, hold=2)
     copied(made).close()
     made.reset(seed=5)
     # A shallow copy shares the generator.
@@ -264,7 +255,6 @@ def test_a_copy_has_the_options_and_the_generator_but_no_episode(
     assert other.observation_space.contains(seen)
     other.step(np.zeros(3 if kind == "scene" else 2, dtype=np.float32))
     other.close()
-    made.close()
 
 
 def test_another_city_is_driven_and_stays_the_environments_own() -> None:
@@ -295,7 +285,6 @@ def test_a_violation_costs_in_the_ids_that_show_plates(name: str, costs: float) 
 def test_an_environment_is_made_again_from_its_json(name: str) -> None:
     assert gymnasium.spec(name).max_episode_steps == MAX_STEPS > max(r.horizon for r in DataSet().table("dev"))
     made = gymnasium.make(name, split="dev")
-    assert made.spec is not None
     again = gymnasium.make(EnvSpec.from_json(made.spec.to_json()))
     assert again.unwrapped._reward_spec == made.unwrapped._reward_spec  # type: ignore[attr-defined]
     assert again.unwrapped._by_id == made.unwrapped._by_id  # type: ignore[attr-defined]

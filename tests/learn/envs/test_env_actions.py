@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -33,8 +34,8 @@ def drive(env: DriveEnv, turn: float) -> dict[str, Any]:
     raise AssertionError("the episode does not end")
 
 
-def test_a_prohibited_turn_can_be_left_out() -> None:
-    env = DriveEnv(split="dev", types="no_turn_left", action="exit", half="signed")
+def test_a_prohibited_turn_can_be_left_out(drive_env: Callable[..., DriveEnv]) -> None:
+    env = drive_env(split="dev", types="no_turn_left", action="exit", half="signed")
     assert env.action_space.shape == (3,)
     scenario = min(env._by_id)
     ends = {}
@@ -44,25 +45,23 @@ def test_a_prohibited_turn_can_be_left_out() -> None:
     assert not ends[0.0]["sign_compliant"]
     assert ends[-1 / 3]["sign_compliant"]
     assert ends[-1 / 3]["outcome"] == "arrived"
-    env.close()
 
 
-def test_with_the_navigations_own_turn_it_is_aim() -> None:
+def test_with_the_navigations_own_turn_it_is_aim(drive_env: Callable[..., DriveEnv]) -> None:
     same = []
     for action in ("aim", "exit"):
-        env = DriveEnv(split="dev", types="speed_limit", action=action, half="signed")
+        env = drive_env(split="dev", types="speed_limit", action=action, half="signed")
         env.reset(options={"scenario": min(env._by_id)})
         numbers = np.zeros(2 if action == "aim" else 3, dtype=np.float32)
         for _ in range(40):
             env.step(numbers)
         ego = env.episode.observation.ego
         same.append((ego.x, ego.y, ego.heading, ego.speed))
-        env.close()
     assert same[0] == same[1]
 
 
-def test_the_exits_are_from_right_to_left() -> None:
-    env = DriveEnv(split="dev", types="direction_straight", action="exit")
+def test_the_exits_are_from_right_to_left(drive_env: Callable[..., DriveEnv]) -> None:
+    env = drive_env(split="dev", types="direction_straight", action="exit")
     env.reset(seed=0)
     o = env.episode.observation
     exits = env._act.exits(o.route.path.edges[0])
@@ -70,17 +69,15 @@ def test_the_exits_are_from_right_to_left() -> None:
     turns = [env._act._turn(o.route.path.edges[0], onward) for onward in exits]
     assert turns == sorted(turns)
     assert len(exits) > 1
-    env.close()
 
 
-def test_an_unchanging_number_keeps_a_speed() -> None:
-    env = DriveEnv(split="dev", types="speed_limit", half="contrast", action="cruise")
+def test_an_unchanging_number_keeps_a_speed(drive_env: Callable[..., DriveEnv]) -> None:
+    env = drive_env(split="dev", types="speed_limit", half="contrast", action="cruise")
     env.reset(options={"scenario": min(env._by_id)})
     first = env.episode.observation
     for _ in range(80):
         env.step(np.array([-0.36, 0.0], dtype=np.float32))
     last = env.episode.observation
-    env.close()
     assert first.ego.speed > 10.0
     assert last.ego.speed == pytest.approx(8.0, abs=0.1)
 
@@ -96,8 +93,8 @@ def test_an_unchanging_number_keeps_a_speed() -> None:
 ONWARD = np.array([0.2, 0.0], dtype=np.float32)
 
 
-def test_the_ego_is_in_the_middle_and_the_road_goes_by() -> None:
-    env = DriveEnv(split="dev", types="speed_limit", render_mode="rgb_array")
+def test_the_ego_is_in_the_middle_and_the_road_goes_by(drive_env: Callable[..., DriveEnv]) -> None:
+    env = drive_env(split="dev", types="speed_limit", render_mode="rgb_array")
     env.reset(options={"half": "signed"}, seed=0)
     first = env.render()
     assert first.shape == (SIZE_PX, SIZE_PX, 3)
@@ -107,7 +104,6 @@ def test_the_ego_is_in_the_middle_and_the_road_goes_by() -> None:
     for _ in range(10):
         env.step(ONWARD)
     assert (env.render() != first).mean() > 0.02
-    env.close()
 
 
 def test_wrappers_collect_its_frames() -> None:
@@ -122,19 +118,19 @@ def test_wrappers_collect_its_frames() -> None:
     env.close()
 
 
-def test_what_cannot_be_rendered_is_said() -> None:
+def test_what_cannot_be_rendered_is_said(drive_env: Callable[..., DriveEnv]) -> None:
     with pytest.raises(InputError, match=r"render_mode 'ansi': expected rgb_array \| human"):
         DriveEnv(split="dev", render_mode="ansi")
-    env = DriveEnv(split="dev")
+    env = drive_env(split="dev")
     env.reset(seed=0)
     with pytest.raises(gymnasium.error.ResetNeeded, match="give render_mode"):
         env.render()
-    env.close()
 
 
-def test_without_a_screen_a_window_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_screen_a_window_is_refused(
+    monkeypatch: pytest.MonkeyPatch, drive_env: Callable[..., DriveEnv]
+) -> None:
     monkeypatch.setattr("matplotlib.pyplot.get_backend", lambda: "agg")
-    env = DriveEnv(split="dev", render_mode="human")
+    env = drive_env(split="dev", render_mode="human")
     with pytest.raises(InputError, match="take 'rgb_array'"):
         env.reset(seed=0)
-    env.close()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
@@ -41,9 +41,9 @@ def shown(plate: SignView) -> tuple[object, ...]:
     return plate.code, plate.value, plate.x, plate.y, plate.heading, plate.edge, plate.lane, plate.outline
 
 
-def test_halves_whose_plates_differ_are_shown_differently() -> None:
+def test_halves_whose_plates_differ_are_shown_differently(drive_env: Callable[..., DriveEnv]) -> None:
     """A pair of each type: what a planner is shown in `signs` is in the tables."""
-    env = DriveEnv(split="dev", variants="one-per-map")
+    env = drive_env(split="dev", variants="one-per-map")
     pairs: dict[str, list[Any]] = defaultdict(list)
     for row in sorted(env._rows, key=lambda row: (row.pair_type, row.scenario_id)):
         pairs[row.scenario_id.removesuffix("-c")].append(row)
@@ -65,7 +65,6 @@ def test_halves_whose_plates_differ_are_shown_differently() -> None:
         for name in ("scene", "objects"):
             one, other = (table[name] for table in tables)
             assert any(not np.array_equal(one[key], other[key]) for key in one), (kind, name)
-    env.close()
     assert len(compared) == 25  # All types but the four that have no contrast half.
 
 
@@ -75,14 +74,13 @@ def seen_by(name: str, env: DriveEnv) -> Any:
     return seen.encode(env.episode.observation)
 
 
-def test_lanes_are_counted_from_the_egos() -> None:
-    env = DriveEnv(split="dev", types="yield", half="signed")
+def test_lanes_are_counted_from_the_egos(drive_env: Callable[..., DriveEnv]) -> None:
+    env = drive_env(split="dev", types="yield", half="signed")
     for scenario in sorted(env._by_id):
         env.reset(options={"scenario": scenario})
         if any(lane.order > 1 for lane in env.episode.context.network.lanes):
             break
     turn, told = env.episode, AddressedLanes()
-    env.close()
     lanes, way = turn.context.network.lanes, turn.observation.route.path.edges
     told.reset(turn.context)
     order = lanes[turn.observation.ego.lane].order
@@ -108,12 +106,11 @@ def test_lanes_are_counted_from_the_egos() -> None:
     assert told(replace(turn.observation, signs=())).shape == (0, 3)
 
 
-def test_plates_on_the_way_come_first() -> None:
+def test_plates_on_the_way_come_first(drive_env: Callable[..., DriveEnv]) -> None:
     """Of more plates than there are rows none is lost that the ego has to read."""
-    env = DriveEnv(split="dev", types="yield", half="signed")
+    env = drive_env(split="dev", types="yield", half="signed")
     env.reset(options={"scenario": min(env._by_id)})
     turn, seen = env.episode, SceneSeen()
-    env.close()
     plate, way = turn.observation.signs[0], turn.observation.route.path.edges
     ego = turn.observation.ego
     elsewhere = [replace(plate, edge="elsewhere", x=ego.x + k, y=ego.y) for k in range(10)]
@@ -124,11 +121,10 @@ def test_plates_on_the_way_come_first() -> None:
     assert away.tolist() == pytest.approx([30.0, 60.0, *range(6)], abs=1e-3)
 
 
-def test_outlines_and_main_roads_are_in_the_tables() -> None:
-    env = DriveEnv(split="dev", types="main_road", half="signed")
+def test_outlines_and_main_roads_are_in_the_tables(drive_env: Callable[..., DriveEnv]) -> None:
+    env = drive_env(split="dev", types="main_road", half="signed")
     env.reset(options={"scenario": min(env._by_id)})
     turn, scene, objects = env.episode, SceneSeen(), ObjectsSeen()
-    env.close()
     front = replace(turn.observation.signs[0], code="2.1", outline="diamond", main_road=(-math.pi / 2, math.pi))
     want = {"main_cos_1": 0.0, "main_sin_1": -1.0, "main_cos_2": -1.0, "main_sin_2": 0.0}
     for plate, main in ((front, want), (front.from_behind(), dict.fromkeys(want, 0.0))):
@@ -184,13 +180,12 @@ def test_plates_and_ways_are_told_and_masked_plates_are_not() -> None:
     assert (near[route, 2 * POINTS + LANE.index("leads")] == 1.0).all()
 
 
-def test_plates_are_the_scene_without_its_lanes() -> None:
+def test_plates_are_the_scene_without_its_lanes(drive_env: Callable[..., DriveEnv]) -> None:
     seen = {}
     for kind in ("scene", "plates"):
-        made = DriveEnv(split="dev", types="yield", observation=kind)
+        made = drive_env(split="dev", types="yield", observation=kind)
         seen[kind] = made.reset(options={"scenario": min(made._by_id)})[0]
         assert made.observation_space.contains(seen[kind])
-        made.close()
     scene, plates = seen["scene"], seen["plates"]
     assert scene.keys() - plates.keys() == {"lanes", "lanes_mask"}
     assert all(np.array_equal(plates[name], scene[name]) for name in plates)
@@ -210,15 +205,14 @@ def test_violations_are_told_and_weigh_only_when_asked() -> None:
     assert sum(fast(own)[0]) == -count
 
 
-def test_options_narrow_the_draw() -> None:
-    env = DriveEnv(split="dev")
+def test_options_narrow_the_draw(drive_env: Callable[..., DriveEnv]) -> None:
+    env = drive_env(split="dev")
     for half in ("signed", "contrast"):
         info = env.reset(options={"type": "priority", "half": half})[1]
         assert info["half"] == half
     for wrong, word in (({"half": "third"}, "third"), ({"kind": "yield"}, "kind"), ({"type": "no"}, "no")):
         with pytest.raises(InputError, match=word):
             env.reset(options=wrong)
-    env.close()
 
 
 def test_groups_have_ids() -> None:

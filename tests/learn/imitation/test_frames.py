@@ -44,11 +44,9 @@ def row() -> ScenarioSpec:
 
 
 @pytest.fixture(scope="module")
-def drive(row: ScenarioSpec) -> tuple[EpisodeResult, Roads]:
-    loader, simulation = SceneLoader(DataSet()), Simulation()
-    result = EpisodeRunner(resolve("idm"), simulation=simulation, loader=loader).run(row)
-    simulation.close()
-    return result, loader.load(row)[1]
+def drive(row: ScenarioSpec, sim: Simulation) -> tuple[EpisodeResult, Roads]:
+    loader = SceneLoader(DataSet())
+    return EpisodeRunner(resolve("idm"), simulation=sim, loader=loader).run(row), loader.load(row)[1]
 
 
 def frames(drive: tuple[EpisodeResult, Roads], sampling: Sampling) -> at.Records:

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from command_line import one_line
 from training_helpers import fresh_tuned
 
 from tsbench.cli.network_arithmetic import questions
-from tsbench.core.errors import InputError
 from tsbench.learn.plant2 import tokens as at
 from tsbench.learn.plant2.engine import Plant2Engine, target_speed_of
 from tsbench.learn.plant2.plant2_network import Plant2FtNetwork, Plant2Network, inference, network_of, parts, tensors
@@ -122,9 +122,8 @@ def test_shipped_weights_plan_as_by_torch(planner: type[Plant2]) -> None:
 def test_weights_that_do_not_fit_are_refused(tmp_path: Path, change: dict[str, np.ndarray], problem: str) -> None:
     arrays = {name: value.numpy() for name, value in made(Plant2Network).state_dict().items()}
     save_weights("plant2", tmp_path, arrays | change, {"size": "mini"})
-    with pytest.raises(InputError, match=f"are not those of plant2's network .*{problem}") as caught:
+    with one_line(match=f"are not those of plant2's network .*{problem}"):
         Plant2.network("cpu", tmp_path)
-    assert "\n" not in str(caught.value)
 
 
 def test_empty_slots_and_their_number_change_no_decision_beyond_rounding() -> None:

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from simworld import SceneMaker, actors, simulation, speed_plate, store_scenes
+from simworld import SceneMaker, actors, loader_of, simulation, speed_plate, store_scenes
 
 from tsbench.core.errors import InputError
 from tsbench.episode.outcome import EpisodeFacts
@@ -14,10 +14,7 @@ from tsbench.make.certify.certifier import Certifier, recertify
 from tsbench.make.certify.evidence import overlapping_pairs, road_users
 from tsbench.roads.lane_graph import Destination
 from tsbench.scenarios.certificates import Certificate, certificates_path, read_certificates, write_certificates
-from tsbench.scenarios.data_set import DataSet
-from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.store import SceneFolder
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import Actors
 
@@ -31,7 +28,7 @@ def scene(maker: SceneMaker, name: str, limit: float = 30.0, horizon: int = 600)
 
 
 def prover(maker: SceneMaker) -> Certifier:
-    return Certifier(simulation(), SceneLoader(DataSet(), SceneFolder(maker.root)))
+    return Certifier(simulation(), loader_of(maker.root))
 
 
 def prove(maker: SceneMaker, spec: ScenarioSpec, asked: float = 0.0, realised: float = 0.0) -> Certificate:
@@ -47,7 +44,7 @@ def test_a_scene_that_tempts_and_can_be_solved(maker: SceneMaker) -> None:
 
 
 def test_who_breaks_the_rule_of_a_scene(maker: SceneMaker) -> None:
-    screener = Certifier(simulation(), SceneLoader(DataSet(), SceneFolder(maker.root)))
+    screener = prover(maker)
     assert [screener.breaks(name, scene(maker, "tempts")) for name in ("idm", "idm-e")] == [True, False]
     # Not enough time to reach the plate, and no episode at all: nobody was seen breaking anything.
     assert not screener.breaks("idm", scene(maker, "short", horizon=5))

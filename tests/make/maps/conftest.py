@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from data_folder import in_force
 from town import make_town
 
-from tsbench.core import paths as repository_paths
 from tsbench.make.maps.source import SourceNetwork, load_source
 from tsbench.scenarios.data_set import DataSet
 
@@ -32,11 +32,8 @@ def workplace_root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def workplace(workplace_root: Path) -> Iterator[Path]:
     """The same root, in force while one module runs: other packages' tests see the clone."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("TSBENCH_DATA", str(workplace_root))
-        repository_paths.data_root.cache_clear()
+    with in_force(workplace_root):
         yield workplace_root
-    repository_paths.data_root.cache_clear()
 
 
 @pytest.fixture(scope="module")

@@ -79,22 +79,17 @@ ODD = {
 
 @pytest.mark.parametrize("odd", ODD)
 def test_the_tag_is_set_aside_and_the_road_stays(odd: str, workplace: Path, tmp_path: Path) -> None:
-    town, (tags, there, back) = Town(), ODD[odd]
-    town.road([(0, 0), (300, 0)], "residential", **tags)
-    town.road([(0, 100), (300, 100)], "residential")
-    (tmp_path / "town.osm").write_text(town.xml(), encoding="utf-8")
-    facts = convert_extract(DataSet(), tmp_path / "town.osm", tmp_path / "town.net.xml")
+    tags, there, back = ODD[odd]
+    lanes, notes = converted(tmp_path, [("residential", tags), ("residential", {})])
     key, value = odd.split("=")
     least, most, unit = BOUNDS[key]
-    assert facts.notes == (f"the tag {key} set aside, not {least:g} to {most:g}{unit}: {value!r} of way 501",)
-    assert facts.roads == 2
-    lanes = [lane for lane in read_network(tmp_path / "town.net.xml").lanes if not lane.internal]
+    assert notes == (f"the tag {key} set aside, not {least:g} to {most:g}{unit}: {value!r} of way 501",)
     assert [sum(lane.edge == edge for lane in lanes) for edge in ("501", "-501")] == [there, back]
     assert {lane.speed for lane in lanes} == {RESIDENTIAL_MPS}
     assert {lane.width for lane in lanes} == {3.25}
     source = load_source(DataSet(), "town", tmp_path)
     assert sorted(source.edge_ids) == ["-501", "-502", "501", "502"]
-    assert source.notes == list(facts.notes)
+    assert source.notes == list(notes)
 
 
 def test_in_a_mirror_too(tmp_path: Path) -> None:
@@ -125,6 +120,7 @@ def converted(folder: Path, roads: list[tuple[str, dict[str, str]]]) -> tuple[li
         town.road([(0, 100.0 * row), (300, 100.0 * row)], highway, **tags)
     (folder / "town.osm").write_text(town.xml(), encoding="utf-8")
     facts = convert_extract(DataSet(), folder / "town.osm", folder / "town.net.xml")
+    assert facts.roads == len(roads)
     return [lane for lane in read_network(folder / "town.net.xml").lanes if not lane.internal], facts.notes
 
 
@@ -246,13 +242,9 @@ def test_the_direction_is_that_of_cars(tags: dict[str, str], one_way: str | None
 
 
 def test_a_road_that_is_one_way_for_cars_only_has_one_edge(workplace: Path, tmp_path: Path) -> None:
-    town = Town()
-    for row, tags in enumerate(({"oneway:motor_vehicle": "yes"}, {"oneway": "yes", "oneway:motorcar": "no"})):
-        town.road([(0, 100.0 * row), (300, 100.0 * row)], "residential", **tags)
-    (tmp_path / "town.osm").write_text(town.xml(), encoding="utf-8")
-    convert_extract(DataSet(), tmp_path / "town.osm", tmp_path / "town.net.xml")
-    lanes = read_network(tmp_path / "town.net.xml").lanes
-    assert sorted(lane.edge for lane in lanes if not lane.internal) == ["-502", "501", "502"]
+    one_way = ({"oneway:motor_vehicle": "yes"}, {"oneway": "yes", "oneway:motorcar": "no"})
+    lanes, _ = converted(tmp_path, [("residential", tags) for tags in one_way])
+    assert sorted(lane.edge for lane in lanes) == ["-502", "501", "502"]
 
 
 def test_netconvert_gets_the_open_roads_only(workplace: Path, tmp_path: Path) -> None:

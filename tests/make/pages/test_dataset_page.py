@@ -5,18 +5,17 @@ from __future__ import annotations
 import gzip
 import json
 import re
-import shutil
 import struct
 from base64 import b64decode
 from collections.abc import Iterator
 from html import unescape
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pytest
-from patience import HANG_S
+from browsing import opened
+from command_line import in_process, refused
 
-from tsbench.cli import main
 from tsbench.core.errors import InputError
 from tsbench.make import dataset_page as module
 from tsbench.make.dataset_page import write_dataset_page
@@ -25,8 +24,10 @@ from tsbench.scenarios.certificates import Certificate, certificates_of
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
 
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser
+
 TYPES = ("yield", "speed_limit", "detour_left")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -133,10 +134,8 @@ def test_what_cannot_be_shown_is_one_line(
 ) -> None:
     with pytest.raises(InputError, match="no scenario is selected"):
         write_dataset_page(DataSet(), [], tmp_path / "a.html", 1, lambda *_: None)
-    with pytest.raises(SystemExit) as ended:
-        main(["scenarios", "browse", "--types", "fly"])
-    assert ended.value.code == 2
-    assert "--types fly: no such type" in capsys.readouterr().err
+    told = refused(in_process("scenarios", capsys), "browse", "--types", "fly")
+    assert "--types fly: no such type" in told
     monkeypatch.setattr(module, "certificates_of", lambda _: [])
     with pytest.raises(InputError, match="no certificate for "):
         write_dataset_page(DataSet(), rows[:1], tmp_path / "a.html", 1, lambda *_: None)
@@ -153,22 +152,9 @@ def test_a_page_that_is_too_large_is_not_written(
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.slow
-@pytest.mark.skipif(CHROMIUM is None, reason="Debian's chromium is not installed")
 @pytest.mark.parametrize("width", [1280, 390])
-def test_chromium_shows_scenes_and_filters(page: Path, width: int) -> None:
-    from playwright.sync_api import sync_playwright
-
-    flags = ["--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run"]
-    with sync_playwright() as tool:
-        browser = tool.chromium.launch(executable_path=CHROMIUM, args=flags)
-        tab = browser.new_page(viewport={"width": width, "height": 844})
-        tab.set_default_timeout(1_000 * HANG_S)
-        problems: list[str] = []
-        tab.on("pageerror", lambda error: problems.append(str(error)))
-        tab.on("console", lambda message: problems.append(message.text) if message.type == "error" else None)
-        tab.goto(page.as_uri(), wait_until="domcontentloaded")
-        tab.wait_for_selector("#scenario-table tbody tr")
+def test_chromium_shows_scenes_and_filters(chromium: Browser, page: Path, width: int) -> None:
+    with opened(chromium, page.as_uri(), "#scenario-table tbody tr", (width, 844)) as tab:
         assert tab.locator("#scenario-table tbody tr").count() == 9
         tab.click("#type-detour_left a")
         assert tab.locator("#scenario-table tbody tr").count() == 3
@@ -185,5 +171,3 @@ def test_chromium_shows_scenes_and_filters(page: Path, width: int) -> None:
         tab.evaluate("const m = tsb.placeMap, p = m.places.used[0]; m.pick(...m.px(p.x, p.y))")
         assert tab.locator("#map-told button").count() >= 1
         assert tab.evaluate("document.documentElement.scrollWidth") <= width
-        assert problems == []
-        browser.close()

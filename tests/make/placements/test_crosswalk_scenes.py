@@ -15,37 +15,27 @@ from pathlib import Path
 import numpy as np
 import pytest
 from patience import HANG_S
-from pool_builders import corridor
-from simworld import CALM, LIMIT, simulation
+from pool_builders import built_site, corridor, prepared, recipe_of, scene_task, signed_half
+from simworld import LIMIT, driven, loader_of, simulation
 
-from tsbench.episode.outcome import EpisodeResult
-from tsbench.episode.runner import EpisodeRunner
 from tsbench.make.certify.certifier import Certifier
-from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainEdge, PlainNet, PlainNode
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.placements.crosswalk import bend_speed, kerb_to_kerb, to_crossing
-from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError
+from tsbench.make.placements.placement import Arrangement, UnfitMapError
 from tsbench.make.placements.speed_zone import KMH
-from tsbench.make.scenes import map_scenarios as site_module
-from tsbench.make.scenes.map_scenarios import MapScenarios, SiteBuilder
-from tsbench.make.scenes.recipe import Recipe, Variant, load_recipe, variants_of
+from tsbench.make.scenes.map_scenarios import MapScenarios
+from tsbench.make.scenes.recipe import Variant
 from tsbench.make.scenes.verify import lint_scene
 from tsbench.metrics.scd import is_scd
-from tsbench.planners.registry import resolve
 from tsbench.report.drawing.canvas import STYLE
 from tsbench.report.drawing.scene_shapes import staged_bodies
 from tsbench.report.scene_pictures import scene_picture
-from tsbench.roads.lane_graph import LaneGraph
-from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.roads.network import RoadNetwork
 from tsbench.roads.planner_map import build_planner_map
 from tsbench.roads.road_map import Crossing
-from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
-from tsbench.scenarios.store import SceneFolder
-from tsbench.signs.catalog import load_catalog
 from tsbench.signs.rule_kinds import CrosswalkParams
 from tsbench.sim.ego import MAX_DECEL_MPS2
 from tsbench.sim.sumo import Simulation
@@ -72,19 +62,10 @@ def road(name: str) -> tuple[PoolRow, PlainNet]:
     return row, PlainNet(nodes, edges, ())
 
 
-@cache
-def recipe() -> Recipe:
-    return load_recipe("crosswalk", load_catalog())
-
-
 @pytest.fixture(scope="module")
 def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]:
-    folder, built = tmp_path_factory.mktemp("crosswalk"), {}
-    for name in LINES:
-        row, plain = road(name)
-        build_net(placement_of(recipe()).prepare(row, plain, recipe()), folder / f"{name}.net.xml.gz")
-        built[name] = read_network(folder / f"{name}.net.xml.gz")
-    return built
+    folder = tmp_path_factory.mktemp("crosswalk")
+    return {name: prepared(folder, "crosswalk", *road(name)) for name in LINES}
 
 
 def first_crossing(network: RoadNetwork) -> Crossing:
@@ -92,13 +73,9 @@ def first_crossing(network: RoadNetwork) -> Crossing:
     return next(c for c in network.crossings.values() if "road.0" in c.edges)
 
 
-def place(
-    networks: dict[str, RoadNetwork], name: str, layout: int = 0, seed: int = 1, speed: float = 7.75
-) -> Arrangement:
-    network, variant = networks[name], Variant(1, 90.0, 4.0, speed, 0, layout)
-    rng = np.random.default_rng(seed)
-    task = SceneTask(road(name)[0], network, LaneGraph(network), recipe(), variant, (CALM,) * 12, rng)
-    return placement_of(recipe()).place(task)
+def place(networks: dict[str, RoadNetwork], name: str, layout: int = 0, seed: int = 1) -> Arrangement:
+    variant = Variant(1, 90.0, 4.0, 7.75, 0, layout)
+    return signed_half(scene_task(road(name)[0], networks[name], recipe_of("crosswalk"), variant, seed))
 
 
 @pytest.mark.parametrize("name", LINES)
@@ -140,7 +117,7 @@ def test_planners_are_told_both_crossings_of_a_road(networks: dict[str, RoadNetw
 @pytest.mark.parametrize("name", LINES)
 @pytest.mark.parametrize("layout", range(6))
 def test_people_come_as_the_preset_says(networks: dict[str, RoadNetwork], name: str, layout: int) -> None:
-    preset = recipe().choices["presets"][layout % 5]
+    preset = recipe_of("crosswalk").choices["presets"][layout % 5]
     network = networks[name]
     crossing = first_crossing(network)
     first = network.edge_lanes("road.0")[0]
@@ -162,9 +139,9 @@ def test_people_come_as_the_preset_says(networks: dict[str, RoadNetwork], name: 
             times.append((math.dist(line.points[0], kerb) - at) / speed)
             assert 1.0 <= speed <= 1.4
             assert float(person[1].get("speed", "nan")) == pytest.approx(speed, abs=0.001)
-        assert a.walkers.come_up_s == recipe().number("come_up_s")
+        assert a.walkers.come_up_s == recipe_of("crosswalk").number("come_up_s")
         waits = (times[0] - a.walkers.come_up_s) * a.walkers.speeds[0]
-        assert waits == pytest.approx(recipe().number("wait_from_kerb_m"), abs=0.01)
+        assert waits == pytest.approx(recipe_of("crosswalk").number("wait_from_kerb_m"), abs=0.01)
         if "gap_s" in preset:
             assert np.diff(times) == pytest.approx([preset["gap_s"]] * (len(times) - 1), abs=0.01)
             assert len(set(sides)) == 1
@@ -189,9 +166,9 @@ def test_the_first_is_on_the_road_when_the_ego_is_there(networks: dict[str, Road
     front = a.start.s + EGO_LENGTH_M / 2
     assert lane.line.length + ahead - front == pytest.approx(90.0, abs=1e-6)
     cruise = a.walkers.ego_cruise_mps
-    assert recipe().number("start_speed_share") * cruise - 0.01 <= a.start.speed <= cruise
+    assert recipe_of("crosswalk").number("start_speed_share") * cruise - 0.01 <= a.start.speed <= cruise
     # Of the first: its way until the ego is there ends on the road.
-    assert a.walkers.lead_time_s * min(a.walkers.speeds) > recipe().number("wait_from_kerb_m") + 0.2
+    assert a.walkers.lead_time_s * min(a.walkers.speeds) > recipe_of("crosswalk").number("wait_from_kerb_m") + 0.2
     # In the plain scene they set off when an ego that nobody holds up would make them.
     waits = {float(e[0].get("duration", "nan")) for e in a.extra if e.tag == "person"}
     assert len(waits) == 1
@@ -208,38 +185,29 @@ def test_a_bend_before_the_crossing_is_reckoned_with(networks: dict[str, RoadNet
     # 13.5 degrees at one corner within 6 m: a radius of 25 m.
     assert allowed("bent") == pytest.approx(math.sqrt(2.2 * 6.0 / math.atan2(12.0, 50.0)), rel=0.15)
     a = place(networks, "bent")
-    assert a.walkers is not None
     assert a.walkers.ego_cruise_mps == pytest.approx(allowed("bent"), abs=0.01)
 
 
 def test_what_cannot_carry_it() -> None:
-    placement = placement_of(recipe())
+    placement = placement_of(recipe_of("crosswalk"))
     row, plain = road("wide")
     there, back = plain.edges
     with pytest.raises(UnfitMapError, match="4 lanes"):
-        placement.prepare(row, replace(plain, edges=(replace(there, num_lanes=4), back)), recipe())
+        placement.prepare(row, replace(plain, edges=(replace(there, num_lanes=4), back)), recipe_of("crosswalk"))
     with pytest.raises(UnfitMapError, match="no other direction"):
-        placement.prepare(row, replace(plain, edges=(there,)), recipe())
+        placement.prepare(row, replace(plain, edges=(there,)), recipe_of("crosswalk"))
     short = replace(plain, edges=(replace(there, shape=((0.0, 0.0), (0.0, 120.0))), back))
     with pytest.raises(UnfitMapError, match="the corridor is 120 m long"):
-        placement.prepare(row, short, recipe())
+        placement.prepare(row, short, recipe_of("crosswalk"))
     row, plain = road("two_way")
     broad = replace(plain, edges=(plain.edges[0], replace(plain.edges[1], num_lanes=4)))
     with pytest.raises(UnfitMapError, match="more lanes in the other direction"):
-        placement.prepare(row, broad, recipe())
+        placement.prepare(row, broad, recipe_of("crosswalk"))
 
 
 def build(name: str, root: Path) -> MapScenarios:
     """The site of a road, with two of its variants."""
-    row, crop = road(name)
-
-    def some(kind: str, map_id: str) -> tuple[Variant, ...]:
-        return tuple(v for v in variants_of(kind, map_id) if v.number in {0, 1})
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(site_module, "plain_crop", lambda *_: crop)
-        patch.setattr(site_module, "variants_of", some)
-        return SiteBuilder(recipe(), root, simulation()).build(row, None, "test")  # type: ignore[arg-type]
+    return built_site(recipe_of("crosswalk"), root, road(name), lambda variants: variants[:2])
 
 
 SiteOf = Callable[[str], tuple[MapScenarios, Path]]
@@ -257,16 +225,11 @@ def site_of(tmp_path_factory: pytest.TempPathFactory) -> SiteOf:
     return site
 
 
-def driven(row: ScenarioSpec, root: Path, planner: str = "idm", sim: Simulation | None = None) -> EpisodeResult:
-    loader = SceneLoader(DataSet(), SceneFolder(root))
-    return EpisodeRunner(resolve(planner), simulation=sim or simulation(), loader=loader).run(row)
-
-
 @pytest.mark.parametrize("name", LINES)
 def test_a_site_is_sound_and_tells_who_yields(name: str, site_of: SiteOf, tmp_path: Path) -> None:
     site, root = site_of(name)
     assert site.reason == ""
-    loader = SceneLoader(DataSet(), SceneFolder(root))
+    loader = loader_of(root)
     for row in site.rows:
         scene, roads = loader.load(row)
         assert list(lint_scene(scene, roads.graph)) == []
@@ -274,7 +237,6 @@ def test_a_site_is_sound_and_tells_who_yields(name: str, site_of: SiteOf, tmp_pa
         for planner, obeys in (("idm", row.half == CONTRAST), ("idm-e", True)):
             result = driven(row, root, planner)
             assert result.error == ""
-            assert result.facts is not None
             assert result.facts.verdicts.engaged
             assert is_scd(result.facts) == obeys
     assert build(name, tmp_path) == site
@@ -284,7 +246,7 @@ def test_a_site_is_sound_and_tells_who_yields(name: str, site_of: SiteOf, tmp_pa
 def test_the_halves_of_a_pair_tell_each_other_apart_by_the_plate_alone(name: str, site_of: SiteOf) -> None:
     site, root = site_of(name)
     signed, contrast = site.rows[:2]
-    loader = SceneLoader(DataSet(), SceneFolder(root))
+    loader = loader_of(root)
     (a, _), (b, _) = loader.load(signed), loader.load(contrast)
     assert (a.target_signs[0].code, b.target_signs[0].code) == ("5.19", "3.24")
     assert b.target_signs[0].posted * KMH >= max(lane.speed for lane in b.network.edge_lanes("road.0")) - 0.15
@@ -302,7 +264,6 @@ def test_the_halves_of_a_pair_tell_each_other_apart_by_the_plate_alone(name: str
         assert proof.unpaired_because(row) == ""
         assert proof.exclusive
         assert proof.blind_equal
-        assert proof.brake_mps2 is not None
         assert proof.brake_mps2 > MAX_DECEL_MPS2
 
 
@@ -311,7 +272,7 @@ def test_people_of_a_contrast_half_stand_until_the_ego_is_past(site_of: SiteOf) 
     for row in site.rows[:2]:
         facts = driven(row, root).facts
         assert facts is not None
-        come_up = recipe().number("come_up_s")
+        come_up = recipe_of("crosswalk").number("come_up_s")
         crossing = first_crossing(facts.scene.network)
         exit_ = frozenset(facts.scene.network.edges["road.1"].lanes)
         before = [s for s in facts.snapshots if s.ego.lane not in exit_]
@@ -331,13 +292,12 @@ def test_people_of_a_contrast_half_stand_until_the_ego_is_past(site_of: SiteOf) 
 def test_pictures_show_the_zebra_and_the_people(site_of: SiteOf) -> None:
     site, root = site_of("two_way")
     row = site.rows[0]
-    scene, _ = SceneLoader(DataSet(), SceneFolder(root)).load(row)
+    scene, _ = loader_of(root).load(row)
     assert scene.walkers is not None
     walkers = {body.name: (body.x, body.y) for body in staged_bodies(scene) if body.kind == "pedestrian"}
     assert set(walkers) == set(scene.walkers.persons)
     # Where the first tick of an episode sees them.
     facts = driven(row, root).facts
-    assert facts is not None
     first = facts.snapshots[0].actors
     seen = {first.table.ids[r]: p for r, p in zip(first.index.tolist(), first.pose.tolist(), strict=True)}
     for name, place in walkers.items():

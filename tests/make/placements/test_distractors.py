@@ -4,25 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
-from pool_builders import corridor, crossroads, two_way
-from simworld import FAST, cross_plain, road_plain, simulation
+from pool_builders import built_site, corridor, crossroads, recipe_of, two_way
+from simworld import FAST, cross_plain, loader_of, road_plain
 from test_route_scenes import TYPES, ways
 
 from tsbench.core.benchmark import SIGN_RANGE_M
 from tsbench.make.maps.plain import PlainNet
-from tsbench.make.scenes import map_scenarios as site_module
-from tsbench.make.scenes.map_scenarios import SiteBuilder
-from tsbench.make.scenes.recipe import load_recipe, variants_of
 from tsbench.make.scenes.verify import lint_places
 from tsbench.roads.lane_graph import LaneGraph
-from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.annotations import DISTRACTOR, SignInstance
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.scene import Scene
@@ -47,27 +42,17 @@ ScenesOf = Callable[[str, tuple[PoolRow, PlainNet]], list[Scene]]
 @pytest.fixture(scope="module")
 def scenes_of(tmp_path_factory: pytest.TempPathFactory) -> ScenesOf:
     """The scenes of a map's first four variants, signed and contrast in turn; each site is built once."""
-    built: dict[tuple[str, PoolRow], list[Scene]] = {}
-
-    def scenes(type_id: str, made: tuple[PoolRow, PlainNet]) -> list[Scene]:
-        if (type_id, made[0]) not in built:
-            built[type_id, made[0]] = build(type_id, made, tmp_path_factory.mktemp(type_id))
-        return built[type_id, made[0]]
-
-    return scenes
+    return cache(lambda type_id, made: build(type_id, made, tmp_path_factory.mktemp(type_id)))
 
 
 def build(type_id: str, made: tuple[PoolRow, PlainNet], root: Path) -> list[Scene]:
-    row, crop = made
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(site_module, "plain_crop", lambda *_: crop)
-        # Of a blocked road the two arms that stay open have no room for more traffic.
-        most = 3.0 if type_id == "blocked_road" else math.inf
-        patch.setattr(site_module, "variants_of", lambda *n: [v for v in variants_of(*n) if v.density < most][:4])
-        builder = SiteBuilder(load_recipe(type_id, load_catalog()), root, simulation())
-        site = builder.build(row, None, "train")  # type: ignore[arg-type]
+    # Of a blocked road the two arms that stay open have no room for more traffic.
+    most = 3.0 if type_id == "blocked_road" else math.inf
+    site = built_site(
+        recipe_of(type_id), root, made, lambda all_: [v for v in all_ if v.density < most][:4], split="train"
+    )
     assert site.reason == ""
-    loader = SceneLoader(DataSet(), SceneFolder(root))
+    loader = loader_of(root)
     return [loader.load(spec)[0] for spec in site.rows]
 
 

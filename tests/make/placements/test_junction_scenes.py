@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from pool_builders import crossroads, prepared, recipe_of
-from simworld import CALM, cross_plain
+from pool_builders import crossroads, prepared, recipe_of, scene_task, signed_half
+from simworld import cross_plain
 
 from tsbench.geometry.overlap import conflict_zone
 from tsbench.make.maps.netconvert import build_net
@@ -18,7 +17,6 @@ from tsbench.make.placements.junction_priority import bending_arms, through_arms
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError
 from tsbench.make.scenes.recipe import Variant
 from tsbench.roads.junction_paths import junction_path
-from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import Connection, RoadNetwork, read_network
 from tsbench.roads.planner_map import build_planner_map
 from tsbench.scenarios.map_pool import PoolRow
@@ -55,15 +53,13 @@ def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[Key, RoadNetwork]
 
 
 def place(networks: dict[Key, RoadNetwork], key: Key, layout: int, seed: int = 1) -> Arrangement:
-    return placement_of(recipe_of(key[0])).place(task_of(networks[key], key, layout, seed))
+    return signed_half(task_of(networks[key], key, layout, seed))
 
 
 def task_of(network: RoadNetwork, key: Key, layout: int, seed: int = 1, empty_share: float = 0.0) -> SceneTask:
     recipe = recipe_of(key[0])
     recipe = replace(recipe, numbers={**recipe.numbers, "empty_share": empty_share})
-    variant = Variant(1, 90.0, 4.0, 7.75, 0, layout)
-    rng = np.random.default_rng(seed)
-    return SceneTask(MAPS[key[1]][0], network, LaneGraph(network), recipe, variant, (CALM,) * 12, rng)
+    return scene_task(MAPS[key[1]][0], network, recipe, Variant(1, 90.0, 4.0, 7.75, 0, layout), seed)
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +124,6 @@ def test_the_convoy_meets_the_ego_and_sumo_lets_it_go_first(
     assert not set(ego.via) & priority.yields_to
     own, other = junction_path(network, ego), junction_path(network, priority)
     zone = conflict_zone(own.onto_exit(15.0), EGO_WIDTH_M, other.onto_exit(15.0), other.width)
-    assert zone is not None
     assert convoy.ego_zone_m == pytest.approx(zone.a_in)
     priority_lane = network.lane(convoy.lane)
     assert convoy.zone_m == pytest.approx(priority_lane.line.length + zone.b_in)
@@ -196,7 +191,6 @@ def test_a_main_road_bends_along_its_higher_class() -> None:
 def test_plates_of_a_secondary_road_face_the_convoy_and_the_opposite_approach(networks: dict[Key, RoadNetwork]) -> None:
     for layout in LAYOUTS:
         a = place(networks, ("secondary_road", "X"), layout)
-        assert a.convoy is not None
         met = a.convoy.edges[0]
         assert [(s.code, s.edge, s.role) for s in a.signs] == [("2.3.1", met, "target"), ("2.4", "n_in", "distractor")]
         assert a.signs[1].params is None
@@ -357,7 +351,6 @@ def test_the_convoy_shows_what_it_does_when_the_ego_is_at_its_line(
 ) -> None:
     recipe, a = recipe_of(key[0]), place(networks, key, layout)
     convoy = a.convoy
-    assert convoy is not None
     assert convoy.abrupt
     assert convoy.after_s >= recipe.number("convoy_least_after_s")
     # Seconds from the ego's line and from the lead's to the zone.

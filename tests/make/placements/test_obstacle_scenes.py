@@ -5,33 +5,26 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from lxml import etree
-from pool_builders import corridor, crossroads, prepared, recipe_of
-from simworld import CALM, LIMIT, cross_plain, road_plain, simulation
+from pool_builders import built_site, corridor, crossroads, halves_of, recipe_of, scene_task, signed_half
+from simworld import LIMIT, cross_plain, driven, loader_of, road_plain
 
 from tsbench.episode.outcome import Contact, Outcome
-from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, read_trace, write_trace
 from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainNet
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError
-from tsbench.make.scenes import map_scenarios as site_module
-from tsbench.make.scenes.map_scenarios import SiteBuilder
 from tsbench.make.scenes.recipe import Variant, variants_of
 from tsbench.make.scenes.verify import lint_scene
-from tsbench.planners.registry import resolve
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.run.log.record import Row, score
 from tsbench.run.rescore import Judge
 from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import SIGNED, ScenarioSpec
-from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.annotations import DISTRACTOR
 from tsbench.signs.contrast import PassageParams, WayParams
 from tsbench.sim.scene_file import read_additional
@@ -43,22 +36,13 @@ ROAD: tuple[PoolRow, PlainNet] = (corridor(speed=LIMIT), road_plain())
 MAPS = {**dict.fromkeys(DETOURS, ROAD), "blocked_road": (crossroads(), cross_plain())}
 
 
-@pytest.fixture(scope="module")
-def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]:
-    """Each type's map as its placement prepares it."""
-    folder = tmp_path_factory.mktemp("obstacles")
-    return {type_id: prepared(folder, type_id, *made) for type_id, made in MAPS.items()}
-
-
 def task_of(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> SceneTask:
-    recipe, network = recipe_of(type_id), networks[type_id]
-    variant, rng = Variant(1, 90.0, 4.0, 7.75, 0, layout), np.random.default_rng(layout)
-    return SceneTask(MAPS[type_id][0], network, LaneGraph(network), recipe, variant, (CALM,) * 12, rng)
+    variant = Variant(1, 90.0, 4.0, 7.75, 0, layout)
+    return scene_task(MAPS[type_id][0], networks[type_id], recipe_of(type_id), variant, seed=layout)
 
 
 def place(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> Arrangement:
-    task = task_of(networks, type_id, layout)
-    return placement_of(task.recipe).place(task)
+    return signed_half(task_of(networks, type_id, layout))
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
@@ -95,13 +79,11 @@ def test_detour(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> 
 def test_the_contrast_half_of_a_detour_exchanges_the_plates_of_two_obstacles(
     networks: dict[str, RoadNetwork], type_id: str, code: str
 ) -> None:
-    task = task_of(networks, type_id, 1)
-    placement = placement_of(task.recipe)
-    signed = placement.place(task)
+    signed, contrast = halves_of(task_of(networks, type_id, 1))
     target, other = signed.signs
     assert (other.code, other.role, other.params) == (code, DISTRACTOR, None)
     plates = (replace(target, code=code), replace(other, code=target.code))
-    assert placement.contrast(task, signed) == replace(signed, signs=plates)
+    assert contrast == replace(signed, signs=plates)
 
 
 def test_what_allows_both_sides_has_no_contrast_half(networks: dict[str, RoadNetwork]) -> None:
@@ -150,10 +132,7 @@ def test_the_contrast_half_of_a_blocked_road_exchanges_its_plates(
     networks: dict[str, RoadNetwork], layout: int
 ) -> None:
     task = task_of(networks, "blocked_road", layout)
-    placement = placement_of(task.recipe)
-    signed = placement.place(task)
-    a = placement.contrast(task, signed)
-    assert a is not None
+    signed, a = halves_of(task)
     assert replace(a, signs=signed.signs, targets=signed.targets, contrast=()) == signed
     posts = [[(s.x, s.y, s.heading) for s in half.signs] for half in (signed, a)]
     assert posts[0] == posts[1]
@@ -192,11 +171,9 @@ def test_an_exit_that_is_short_or_one_of_two_is_not_closed(networks: dict[str, R
     net = tmp_path / "street.net.xml.gz"
     build_net(placement_of(recipe).prepare(lonely, street, recipe), net)
     for one, network, numbers in ((row, networks["blocked_road"], short), (lonely, read_network(net), recipe)):
-        task = SceneTask(
-            one, network, LaneGraph(network), numbers, variants_of("t", "m")[1], (CALM,), np.random.default_rng(1)
-        )
+        task = scene_task(one, network, numbers, variants_of("t", "m")[1])
         with pytest.raises(UnfitMapError, match="no way from the main road into an exit that could be closed"):
-            placement_of(numbers).place(task)
+            signed_half(task)
 
 
 @pytest.fixture(scope="module")
@@ -204,16 +181,10 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, tupl
     """Variant 0 and one in thin traffic of every type here, signed, by type, from the hand-made maps."""
     root, rows = tmp_path_factory.mktemp("sites"), {}
 
-    def thin(*names: str) -> list[Variant]:
-        return [v for v in variants_of(*names) if v.density < 3.0][:2]
-
-    with pytest.MonkeyPatch.context() as patch:
-        for type_id, (row, crop) in MAPS.items():
-            patch.setattr(site_module, "plain_crop", lambda *_, crop=crop: crop)
-            patch.setattr(site_module, "variants_of", thin)
-            made = SiteBuilder(recipe_of(type_id), root, simulation()).build(row, None, "test")  # type: ignore[arg-type]
-            assert made.reason == ""
-            rows[type_id] = tuple(r for r in made.rows if r.half == SIGNED)
+    for type_id, made in MAPS.items():
+        site = built_site(recipe_of(type_id), root, made, lambda variants: [v for v in variants if v.density < 3.0][:2])
+        assert site.reason == ""
+        rows[type_id] = tuple(r for r in site.rows if r.half == SIGNED)
     return root, rows
 
 
@@ -229,7 +200,7 @@ def test_scenes_are_sound_and_nobody_else_enters_the_closed_road(
     root, rows = site
     for type_id, specs in rows.items():
         for spec in specs:
-            scene, roads = SceneLoader(DataSet(), SceneFolder(root)).load(spec)
+            scene, roads = loader_of(root).load(spec)
             assert list(lint_scene(scene, roads.graph)) == []
             if type_id == "blocked_road" and spec.variant:
                 closed = {scene.target_signs[0].edge, scene.target_signs[0].edge.replace("out", "in")}
@@ -240,8 +211,7 @@ def test_scenes_are_sound_and_nobody_else_enters_the_closed_road(
 
 def drive(root: Path, spec: ScenarioSpec, planner: str, folder: Path) -> tuple[Trace, Row, list[Row]]:
     """An episode's trace, and its row and events as a run records them."""
-    loader = SceneLoader(DataSet(), SceneFolder(root))
-    result = EpisodeRunner(resolve(planner), simulation=simulation(), loader=loader).run(spec)
+    result = driven(spec, root, planner)
     assert result.facts is not None, result.error
     row, events = score(spec, planner, False, result.facts)
     write_trace(folder / "trace.parquet", result)
@@ -274,7 +244,7 @@ def test_a_held_stop_is_judged_alike_from_the_trace(
     speeds = [s.ego.speed for s in trace.snapshots]
     assert max(speeds[-31:]) <= 0.5 < speeds[-32]
     judge = Judge(DataSet())
-    monkeypatch.setattr(judge, "_loader", SceneLoader(DataSet(), SceneFolder(root)))
+    monkeypatch.setattr(judge, "_loader", loader_of(root))
     key = ("idm-e", spec.scenario_id)
     assert list(judge.compare(trace, key, row, events)) == []
     # A trace that is cut off before the stop is complete, or says more than happened, does not pass.

@@ -9,12 +9,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pool_builders import corridor, crossroads, prepared, recipe_of, two_way
-from simworld import CALM, LIMIT, cross_plain, road_plain, simulation
+from pool_builders import built_site, corridor, crossroads, recipe_of, scene_task, signed_half, two_way
+from simworld import LIMIT, cross_plain, loader_of, road_plain
 from test_route_scenes import TYPES, ways
 
 from tsbench.geometry.elementary import wrap
@@ -23,17 +22,14 @@ from tsbench.make.maps.plain import PlainEdge, PlainNet, PlainNode, split_edge
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnluckyDrawError
 from tsbench.make.scenes import map_scenarios as site_module
-from tsbench.make.scenes.map_scenarios import MapScenarios, SiteBuilder
-from tsbench.make.scenes.recipe import Variant, variants_of
+from tsbench.make.scenes.map_scenarios import MapScenarios
+from tsbench.make.scenes.recipe import Variant
 from tsbench.make.scenes.verify import lint_scene
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.certificates import Certificate
-from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import ScenarioSpec
-from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -51,19 +47,8 @@ MAPS: dict[str, tuple[PoolRow, PlainNet]] = {
 }
 
 
-@pytest.fixture(scope="module")
-def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]:
-    """Each type's map as its placement prepares it."""
-    folder = tmp_path_factory.mktemp("arranged")
-    return {type_id: prepared(folder, type_id, *made) for type_id, made in MAPS.items()}
-
-
 def place(networks: dict[str, RoadNetwork], type_id: str, variant: Variant, seed: int = 1) -> Arrangement:
-    recipe, network = recipe_of(type_id), networks[type_id]
-    row = MAPS[type_id][0]
-    rng = np.random.default_rng(seed)
-    task = SceneTask(row, network, LaneGraph(network), recipe, variant, (CALM,) * 12, rng)
-    return placement_of(recipe).place(task)
+    return signed_half(scene_task(MAPS[type_id][0], networks[type_id], recipe_of(type_id), variant, seed))
 
 
 VARIANT = st.builds(
@@ -173,44 +158,38 @@ class Recorder:
 def build(
     type_id: str,
     root: Path,
-    monkeypatch: pytest.MonkeyPatch,
     numbers: tuple[int, ...],
     prover: Recorder | None = None,
     violating_baseline: str = "",
     paired: bool | None = None,
 ) -> MapScenarios:
     """A site of some of its variants, from the hand-made crop. paired: None = as the recipe says."""
-    row, crop = MAPS[type_id]
-
-    monkeypatch.setattr(site_module, "plain_crop", lambda *_: crop)
-    monkeypatch.setattr(site_module, "variants_of", lambda *of: [variants_of(*of)[k] for k in numbers])
     recipe = recipe_of(type_id)
     recipe = replace(recipe, violating_baseline=violating_baseline, paired=recipe.paired if paired is None else paired)
-    builder = SiteBuilder(recipe, root, simulation(), prover or Recorder())
-    return builder.build(row, None, "test")  # type: ignore[arg-type]
+    return built_site(
+        recipe, root, MAPS[type_id], lambda variants: [variants[k] for k in numbers], prover or Recorder()
+    )
 
 
 @pytest.fixture
-def lone_yield(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> LoneYield:
+def lone_yield(tmp_path: Path) -> LoneYield:
     """Builds variants of `yield` without contrast halves, each time below a folder of its own name."""
 
     def built(folder: str, numbers: tuple[int, ...], prover: Recorder | None = None, **more: str) -> MapScenarios:
-        return build("yield", tmp_path / folder, monkeypatch, numbers, prover, paired=False, **more)
+        return build("yield", tmp_path / folder, numbers, prover, paired=False, **more)
 
     return built
 
 
 # Without the approaches that stop_and_no_turn leaves empty the roads made by hand carry no traffic.
 @pytest.mark.parametrize("type_id", sorted(set(MAPS) - {"stop_and_no_turn"}))
-def test_a_site_is_sound_dense_as_asked_and_the_same_again(
-    type_id: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    one = build(type_id, tmp_path / "one", monkeypatch, (0, 1))
+def test_a_site_is_sound_dense_as_asked_and_the_same_again(type_id: str, tmp_path: Path) -> None:
+    one = build(type_id, tmp_path / "one", (0, 1))
     assert one.reason == ""
     recipe = recipe_of(type_id)
     halves = ["signed", "contrast"] * (2 if recipe.last else 1) if recipe.paired else ["signed"]
     assert [(r.variant, r.half) for r in one.rows] == [(k, half) for k in (0, 1) for half in halves]
-    loader = SceneLoader(DataSet(), SceneFolder(tmp_path / "one"))
+    loader = loader_of(tmp_path / "one")
     for row, certificate in zip(one.rows, one.certificates, strict=True):
         density = certificate.realised_density
         scene, roads = loader.load(row)
@@ -229,7 +208,7 @@ def test_a_site_is_sound_dense_as_asked_and_the_same_again(
     # Who has priority stands in the network.
     nets = ["contrast.net.xml.gz", "net.net.xml.gz"] if type_id.endswith("yield") else ["net.net.xml.gz"]
     assert sorted(p.name for p in folder.rglob("*.gz")) == sorted([*nets, *files])
-    two = build(type_id, tmp_path / "two", monkeypatch, (0, 1))
+    two = build(type_id, tmp_path / "two", (0, 1))
     assert two == one  # the rows hold the hashes of the files
 
 
@@ -242,15 +221,13 @@ SQUARES = {
 
 
 @pytest.mark.parametrize("type_id", SQUARES)
-def test_a_square_is_two_pairs_that_differ_in_one_sign_each(
-    type_id: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    site, (first, last, of_first, of_last) = build(type_id, tmp_path, monkeypatch, (0,)), SQUARES[type_id]
+def test_a_square_is_two_pairs_that_differ_in_one_sign_each(type_id: str, tmp_path: Path) -> None:
+    site, (first, last, of_first, of_last) = build(type_id, tmp_path, (0,)), SQUARES[type_id]
     square = f"{type_id}-{MAPS[type_id][0].map_id}-v0"
     assert [r.scenario_id for r in site.rows] == [square, f"{square}-c", f"{square}b", f"{square}b-c"]
     assert [r.pair_id for r in site.rows] == [square, square, f"{square}b", f"{square}b"]
     assert {r.pair_name for r in site.rows} == {square}
-    loader = SceneLoader(DataSet(), SceneFolder(tmp_path))
+    loader = loader_of(tmp_path)
     scenes = [loader.load(row)[0] for row in site.rows]
     firsts, lasts = ([s.target_signs[k] for s in scenes] for k in (0, 1))
     assert [p.code for p in firsts] == [first[k % 2] for k in range(4)]
@@ -285,7 +262,7 @@ def test_a_stop_is_made_for_where_no_vehicle_comes(networks: dict[str, RoadNetwo
 
 def test_an_unfit_map_is_a_reason_not_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(MAPS, "speed_limit", two_way(length=100.0))
-    site = build("speed_limit", tmp_path, monkeypatch, (0,))
+    site = build("speed_limit", tmp_path, (0,))
     assert site.rows == ()
     assert site.reason == "the corridor is 100 m long"
     assert not list(tmp_path.rglob("*.gz"))
@@ -295,7 +272,7 @@ def test_a_variant_is_drawn_anew_until_it_is_solved(tmp_path: Path, lone_yield: 
     site = lone_yield("kept", (0, 1), Recorder(lambda spec, k: (spec.variant == 0 or k == 2, True)))
     assert [c.attempt for c in site.certificates] == [0, 2]
     # The files are those of the draw that was kept, and another draw is another scene.
-    loader = SceneLoader(DataSet(), SceneFolder(tmp_path / "kept"))
+    loader = loader_of(tmp_path / "kept")
     for row, certificate in zip(site.rows, site.certificates, strict=True):
         loader.load(row)
         assert certificate.digest == row.additional_sha256
@@ -332,7 +309,7 @@ def test_one_of_ten_need_not_tempt(tmp_path: Path, lone_yield: LoneYield, monkey
     monkeypatch.setattr(site_module, "UNTEMPTING_MOST", 0.5)
     site = lone_yield("half", (0, 1), Recorder(lambda spec, k: (k > 0, spec.variant == 0)))
     assert [(c.attempt, c.tempting) for c in site.certificates] == [(1, True), (1, False)]
-    SceneLoader(DataSet(), SceneFolder(tmp_path / "half")).load(site.rows[1])
+    loader_of(tmp_path / "half").load(site.rows[1])
     dull = lone_yield("dull", (0, 1), Recorder(lambda *_: (True, False)))
     assert dull.reason == "2 variants do not tempt idm"
 

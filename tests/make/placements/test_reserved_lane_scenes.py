@@ -9,26 +9,20 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from pool_builders import corridor, prepared, recipe_of, row, two_way
-from simworld import CALM, LIMIT, edge, plain, simulation
+from pool_builders import built_site, corridor, halves_of, recipe_of, row, scene_task, signed_half, two_way
+from simworld import CALM, LIMIT, edge, loader_of, plain, simulation
 
 from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainEdge, PlainNet, PlainNode
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError, way_from_standstill
 from tsbench.make.placements.reserved_lane_scenes import contra_id, turn_leftmost
-from tsbench.make.scenes import map_scenarios as site_module
-from tsbench.make.scenes.map_scenarios import SiteBuilder
-from tsbench.make.scenes.recipe import Variant, variants_of
+from tsbench.make.scenes.recipe import Variant
 from tsbench.make.scenes.verify import lint_scene
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
-from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.annotations import DISTRACTOR, TARGET
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import ContrastClause, WayParams
@@ -56,7 +50,7 @@ def fork(lanes_out: int = 3) -> tuple[PoolRow, PlainNet]:
     return made, plain(list(n.values()), edges)
 
 
-MADE = {**dict.fromkeys(SAME, two_way(speed=LIMIT, length=250.0)), **dict.fromkeys(AGAINST, fork())}
+MAPS = {**dict.fromkeys(SAME, two_way(speed=LIMIT, length=250.0)), **dict.fromkeys(AGAINST, fork())}
 WAYS = {**dict.fromkeys(SAME, ("road.0", "road.1")), **dict.fromkeys(AGAINST, ("w_in", "e_out"))}
 TWO_WAY = two_way()[0]
 WIDTH = 3.2
@@ -66,27 +60,17 @@ def users_of(type_id: str) -> str:
     return "bus" if type_id.startswith("bus") else "bicycle"
 
 
-@pytest.fixture(scope="module")
-def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]:
-    folder = tmp_path_factory.mktemp("reserved")
-    return {type_id: prepared(folder, type_id, *made) for type_id, made in MADE.items()}
-
-
 def task_of(
     networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, speed: float = 7.75, seed: int = 1
 ) -> SceneTask:
-    recipe, network = recipe_of(type_id), networks[type_id]
     variant = Variant(1, (90.0, 120.0)[layout % 2], 4.0, speed, 0, layout)
-    return SceneTask(
-        MADE[type_id][0], network, LaneGraph(network), recipe, variant, (CALM,) * 12, np.random.default_rng(seed)
-    )
+    return scene_task(MAPS[type_id][0], networks[type_id], recipe_of(type_id), variant, seed)
 
 
 def place(
     networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, speed: float = 7.75, seed: int = 1
 ) -> Arrangement:
-    task = task_of(networks, type_id, layout, speed, seed)
-    return placement_of(task.recipe).place(task)
+    return signed_half(task_of(networks, type_id, layout, speed, seed))
 
 
 @pytest.mark.parametrize("type_id", TYPES)
@@ -186,7 +170,6 @@ def test_users_meet_an_ego_that_stays_in_its_lane(
     network, recipe = networks[type_id], recipe_of(type_id)
     a = place(networks, type_id, layout, speed, seed=layout)
     c = a.convoy
-    assert c is not None
     lane, user = network.lane(c.lane), c.drivers[0]
     assert ((c.lane,), c.vclass) == (a.signs[0].params.lanes, users_of(type_id))
     # They drive on into the side road.
@@ -238,12 +221,9 @@ def test_users_come_towards_the_ego_on_the_oncoming_lane_alone(
 @pytest.mark.parametrize("type_id", SAME)
 def test_the_halves_exchange_the_plates_of_the_two_posts(networks: dict[str, RoadNetwork], type_id: str) -> None:
     task = task_of(networks, type_id)
-    placement = placement_of(task.recipe)
-    signed = placement.place(task)
-    a = placement.contrast(task, signed)
-    assert a is not None
+    placement, (signed, a) = placement_of(task.recipe), halves_of(task)
     # Nothing but the plates differs: neither the network nor the users.
-    prepared = (make(*MADE[type_id], task.recipe) for make in (placement.prepare, placement.prepare_contrast))
+    prepared = (make(*MAPS[type_id], task.recipe) for make in (placement.prepare, placement.prepare_contrast))
     assert next(prepared) == next(prepared)
     assert replace(a, signs=signed.signs, targets=signed.targets, contrast=()) == signed
     (reserved, usual), (first, second) = signed.signs, a.signs
@@ -292,12 +272,10 @@ def test_a_contraflow_lane_needs_an_exit_of_as_many_lanes_straight_ahead() -> No
 
 
 @pytest.mark.parametrize("type_id", TYPES)
-def test_a_site_is_sound_and_its_users_are_there(type_id: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(site_module, "plain_crop", lambda *_: MADE[type_id][1])
-    monkeypatch.setattr(site_module, "variants_of", lambda *names: variants_of(*names)[:2])
-    site = SiteBuilder(recipe_of(type_id), tmp_path, simulation()).build(MADE[type_id][0], None, "test")  # type: ignore[arg-type]
+def test_a_site_is_sound_and_its_users_are_there(type_id: str, tmp_path: Path) -> None:
+    site = built_site(recipe_of(type_id), tmp_path, MAPS[type_id], lambda variants: variants[:2])
     assert site.reason == ""
-    loader, sim = SceneLoader(DataSet(), SceneFolder(tmp_path)), simulation()
+    loader, sim = loader_of(tmp_path), simulation()
     for spec in site.rows:
         scene, roads = loader.load(spec)
         assert list(lint_scene(scene, roads.graph)) == []
@@ -311,9 +289,7 @@ def test_a_site_is_sound_and_its_users_are_there(type_id: str, tmp_path: Path, m
         assert user in [(name, on) for name, on, _ in sim.fleet()]
 
 
-def test_a_road_whose_traffic_breaks_its_own_plate_is_unfit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    row, crop = two_way("living_street", speed=LIMIT, length=250.0)  # no limit of its class is as high
-    monkeypatch.setattr(site_module, "plain_crop", lambda *_: crop)
-    monkeypatch.setattr(site_module, "variants_of", lambda *names: variants_of(*names)[1:2])
-    site = SiteBuilder(recipe_of("bike_lane"), tmp_path, simulation()).build(row, None, "test")  # type: ignore[arg-type]
+def test_a_road_whose_traffic_breaks_its_own_plate_is_unfit(tmp_path: Path) -> None:
+    made = two_way("living_street", speed=LIMIT, length=250.0)  # no limit of its class is as high
+    site = built_site(recipe_of("bike_lane"), tmp_path, made, lambda variants: variants[1:2])
     assert re.fullmatch(r"variant 1, 4 draws, at last: plate 3.24 is broken: \w+ drives \d+ km/h", site.reason)

@@ -6,25 +6,20 @@ from collections import defaultdict
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
-from pool_builders import corridor, prepared, recipe_of, two_way
-from simworld import CALM, FAST, LIMIT, simulation
+from pool_builders import built_site, corridor, halves_of, recipe_of, scene_task, signed_half, two_way
+from simworld import CALM, FAST, LIMIT, loader_of
 
 from tsbench.make.maps.netconvert import build_net
 from tsbench.make.placements.by_name import placement_of
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapError
 from tsbench.make.placements.speed_zone import task_minimum
-from tsbench.make.scenes import map_scenarios as site_module
-from tsbench.make.scenes.map_scenarios import SiteBuilder
 from tsbench.make.scenes.plate_surroundings import scene_vehicles
-from tsbench.make.scenes.recipe import INITIAL_SPEEDS_MPS, Variant, variants_of
+from tsbench.make.scenes.recipe import INITIAL_SPEEDS_MPS, Variant
 from tsbench.make.scenes.verify import lint_scene
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.data_set import DataSet
-from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import SlowZoneParams
 from tsbench.signs.rule_kinds import ZoneParams
@@ -33,7 +28,7 @@ from tsbench.sim.world import EGO_LENGTH_M
 
 ZONES = ("speed_limit", "zone_speed_limit", "residential_zone")
 LENGTH_M = 240.0
-MADE = {
+MAPS = {
     "speed_limit": two_way(),
     "zone_speed_limit": two_way(),
     "residential_zone": two_way("residential", 11.11),
@@ -41,27 +36,17 @@ MADE = {
 }
 
 
-@pytest.fixture(scope="module")
-def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]:
-    folder = tmp_path_factory.mktemp("speed")
-    return {type_id: prepared(folder, type_id, *made) for type_id, made in MADE.items()}
-
-
 def task_of(
     networks: dict[str, RoadNetwork], type_id: str, speed: float = 7.75, seed: int = 1, asked: int = 0
 ) -> SceneTask:
     """asked: number on the axes of what the plates post."""
-    recipe, network = recipe_of(type_id), networks[type_id]
     variant = Variant(1, 90.0, 4.0, speed, 0, seed, value=asked, plate=asked)
-    drivers = (CALM, replace(CALM, speed=5.0))
-    return SceneTask(
-        MADE[type_id][0], network, LaneGraph(network), recipe, variant, drivers, np.random.default_rng(seed)
-    )
+    task = scene_task(MAPS[type_id][0], networks[type_id], recipe_of(type_id), variant, seed)
+    return replace(task, drivers=(CALM, replace(CALM, speed=5.0)))
 
 
 def place(networks: dict[str, RoadNetwork], type_id: str, speed: float = 7.75, seed: int = 1) -> Arrangement:
-    task = task_of(networks, type_id, speed, seed)
-    return placement_of(task.recipe).place(task)
+    return signed_half(task_of(networks, type_id, speed, seed))
 
 
 @pytest.mark.parametrize("type_id", ZONES)
@@ -80,7 +65,7 @@ def test_a_zone_spans_edges_from_its_plate(networks: dict[str, RoadNetwork], typ
     assert a.route_hint == ("road.0", *zone)
     # The network keeps the road's own limit.
     lengths = [network.edges[e].length for e in plate.params.zone_edges[:-1]]
-    assert {lane.speed for lane in network.lanes if not lane.internal} == {MADE[type_id][0].speed_mps}
+    assert {lane.speed for lane in network.lanes if not lane.internal} == {MAPS[type_id][0].speed_mps}
     assert sum(lengths) >= recipe.number("zone_m") - 1.0
     assert lengths == pytest.approx([lengths[0]] * len(lengths), abs=0.3)
     before = [network.edges[e].length for e in zone[:-1]]
@@ -93,11 +78,7 @@ def test_a_zone_spans_edges_from_its_plate(networks: dict[str, RoadNetwork], typ
 def test_at_each_border_the_begin_faces_who_enters_and_the_end_who_leaves(
     networks: dict[str, RoadNetwork], type_id: str
 ) -> None:
-    task, kind = task_of(networks, type_id), load_catalog().type(type_id)
-    placement = placement_of(task.recipe)
-    signed = placement.place(task)
-    contrast = placement.contrast(task, signed)
-    assert contrast is not None
+    (signed, contrast), kind = halves_of(task_of(networks, type_id)), load_catalog().type(type_id)
     low, high = ((half.signs[0].code, half.signs[0].posted) for half in (signed, contrast))
     ends = {kind.codes[0]: kind.end_codes[0], "5.31": "5.32"}
     for half, ours, theirs in ((signed, low, high), (contrast, high, low)):
@@ -128,10 +109,7 @@ def test_the_contrast_half_posts_another_value_and_asks_not_to_be_slow(
     networks: dict[str, RoadNetwork], type_id: str
 ) -> None:
     task = task_of(networks, type_id)
-    placement = placement_of(task.recipe)
-    signed = placement.place(task)
-    other = placement.contrast(task, signed)
-    assert other is not None
+    signed, other = halves_of(task)
     high = other.signs[0]
     codes = ("3.24", "3.25") if type_id == "speed_limit" else ("5.31", "5.32")
     assert high == replace(signed.signs[0], code=codes[0], value=high.posted)
@@ -164,19 +142,16 @@ def test_the_contrast_half_posts_another_value_and_asks_not_to_be_slow(
 def test_both_halves_post_values_of_the_roads_class(
     networks: dict[str, RoadNetwork], type_id: str, road_class: str, road_kmh: int, pairs: dict[int, set[int]]
 ) -> None:
-    placement = placement_of(recipe_of(type_id))
-    row = replace(MADE[type_id][0], road_class=road_class, speed_mps=road_kmh / 3.6)
+    row = replace(MAPS[type_id][0], road_class=road_class, speed_mps=road_kmh / 3.6)
     found = defaultdict(list)
     for asked in range(12):
         task = task_of(networks, type_id, asked=asked)
         task = replace(task, row=row, variant=replace(task.variant, plate=asked // 2))
         if not pairs:
             with pytest.raises(UnfitMapError, match=f"no pair of limits for a {road_class} road of"):
-                placement.place(task)
+                signed_half(task)
             continue
-        signed = placement.place(task)
-        other = placement.contrast(task, signed)
-        assert other is not None
+        signed, other = halves_of(task)
         found[signed.signs[0].posted].append(other.signs[0].posted)
     assert {limit: set(values) for limit, values in found.items()} == pairs
     # Each limit is there as often.
@@ -188,7 +163,7 @@ def test_a_bend_in_the_zone_is_an_excuse_to_be_slow(
     networks: dict[str, RoadNetwork], tmp_path: Path, kink: float, fits: bool
 ) -> None:
     task = task_of(networks, "zone_speed_limit")
-    _, crop = MADE["zone_speed_limit"]
+    _, crop = MAPS["zone_speed_limit"]
     road, back = crop.edges
     shape = ((0.0, 0.0), (kink, 0.0), (LENGTH_M, 0.1 * (LENGTH_M - kink)))
     bent = replace(crop, edges=(replace(road, shape=shape), back))
@@ -206,10 +181,7 @@ def test_a_bend_in_the_zone_is_an_excuse_to_be_slow(
 @pytest.mark.parametrize("asked", range(3))
 def test_the_other_plate_of_a_least_speed(networks: dict[str, RoadNetwork], asked: int) -> None:
     task = task_of(networks, "min_speed", asked=asked)
-    placement = placement_of(task.recipe)
-    signed = placement.place(task)
-    other = placement.contrast(task, signed)
-    assert other is not None
+    signed, other = halves_of(task)
     (sign,) = signed.signs
     assert other == replace(signed, signs=(replace(sign, code="3.24", value=sign.posted - 10.0),))
     # No vehicle could keep both plates.
@@ -255,9 +227,9 @@ def test_minimums_as_the_road_allows(networks: dict[str, RoadNetwork]) -> None:
         posted(40)
 
 
-@pytest.mark.parametrize("type_id", MADE)
+@pytest.mark.parametrize("type_id", MAPS)
 def test_a_road_without_another_direction_is_unfit(type_id: str) -> None:
-    row, crop = MADE[type_id]
+    row, crop = MAPS[type_id]
     recipe = recipe_of(type_id)
     with pytest.raises(UnfitMapError, match=r"no other direction, where the other half's plates? faces?"):
         placement_of(recipe).prepare(replace(row, oneway=True), crop, recipe)
@@ -279,16 +251,12 @@ def test_maps_that_are_too_short_or_too_narrow(networks: dict[str, RoadNetwork])
         place(narrow, "min_speed")
 
 
-@pytest.mark.parametrize("type_id", MADE)
-def test_a_site_is_sound_and_has_only_oncoming_vehicles_that_keep_the_lower_limit(
-    type_id: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(site_module, "plain_crop", lambda *_: MADE[type_id][1])
-    monkeypatch.setattr(site_module, "variants_of", lambda *names: variants_of(*names)[1:3])
-    site = SiteBuilder(recipe_of(type_id), tmp_path, simulation()).build(MADE[type_id][0], None, "test")  # type: ignore[arg-type]
+@pytest.mark.parametrize("type_id", MAPS)
+def test_a_site_is_sound_and_has_only_oncoming_vehicles_that_keep_the_lower_limit(type_id: str, tmp_path: Path) -> None:
+    site = built_site(recipe_of(type_id), tmp_path, MAPS[type_id], lambda variants: variants[1:3])
     assert site.reason == ""
     for row in site.rows:
-        scene, roads = SceneLoader(DataSet(), SceneFolder(tmp_path)).load(row)
+        scene, roads = loader_of(tmp_path).load(row)
         assert list(lint_scene(scene, roads.graph)) == []
         others = [v for v in scene_vehicles(scene) if v.id != EGO_ID]
         assert bool(others) == bool(row.density) == (type_id != "min_speed")

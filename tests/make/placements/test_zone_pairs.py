@@ -8,26 +8,21 @@ from pathlib import Path
 
 import pytest
 from lxml import etree
-from pool_builders import corridor, crossroads, two_way
-from simworld import FAST, cross_plain, road_plain, simulation
+from pool_builders import built_site, corridor, crossroads, recipe_of, two_way
+from simworld import FAST, cross_plain, loader_of, road_plain, simulation
 
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.make.certify.certifier import Certifier
 from tsbench.make.maps.plain import PlainNet
-from tsbench.make.scenes import map_scenarios as site_module
-from tsbench.make.scenes.map_scenarios import MapScenarios, SiteBuilder
-from tsbench.make.scenes.recipe import load_recipe, variants_of
+from tsbench.make.scenes.map_scenarios import MapScenarios
 from tsbench.metrics.scd import is_scd
 from tsbench.planners.base import Control, PlannerContext
 from tsbench.planners.idm import Idm, IdmParameters
 from tsbench.planners.observation import Observation
 from tsbench.planners.registry import LoadedPlanner
-from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.scenarios.scene_loader import SceneLoader
 from tsbench.scenarios.spec import CONTRAST, ScenarioSpec
 from tsbench.scenarios.store import SceneFolder
-from tsbench.signs.catalog import load_catalog
 from tsbench.sim.convoy import LATE_BRAKE_MPS2
 from tsbench.sim.scene_file import read_additional
 
@@ -60,15 +55,12 @@ class Built:
 @pytest.fixture(scope="module", params=MAPS)
 def built(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Built:
     """The first variant of one type that has traffic."""
-    row, crop = MAPS[request.param]
     # Of the crossroads' arms two are closed: there is no room for more.
     most = 3.0 if request.param == "blocked_road" else math.inf
-    root, recipe = tmp_path_factory.mktemp("pairs"), load_recipe(request.param, load_catalog())
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(site_module, "plain_crop", lambda *_: crop)
-        patch.setattr(site_module, "variants_of", lambda *n: [v for v in variants_of(*n) if v.density < most][1:2])
-        prover = Certifier(simulation(), SceneLoader(DataSet(), SceneFolder(root)))
-        site = SiteBuilder(recipe, root, simulation(), prover).build(row, None, "train")  # type: ignore[arg-type]
+    root, recipe = tmp_path_factory.mktemp("pairs"), recipe_of(request.param)
+    prover = Certifier(simulation(), loader_of(root))
+    made = MAPS[request.param]
+    site = built_site(recipe, root, made, lambda all_: [v for v in all_ if v.density < most][1:2], prover, "train")
     assert site.reason == ""
     return Built(site, root)
 
@@ -145,7 +137,7 @@ class Doubter:
 @pytest.mark.parametrize("driver", [Crawler, Doubter])
 def test_who_hesitates_does_not_pass_both(built: Built, driver: type[Crawler | Doubter]) -> None:
     planner = LoadedPlanner("blind", lambda **_: driver())
-    runner = EpisodeRunner(planner, simulation=simulation(), loader=SceneLoader(DataSet(), SceneFolder(built.root)))
+    runner = EpisodeRunner(planner, simulation=simulation(), loader=loader_of(built.root))
     for pair in built.pairs:
         results = [runner.run(spec) for spec in pair]
         assert all(r.facts is not None for r in results), results[0].error

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from episode_builders import spec
 from pool_builders import row
 
 from tsbench.core import parallel
@@ -23,15 +24,11 @@ from tsbench.make.scenes.build import BuildRequest, TypeBuilder, TypeReport, _re
 from tsbench.make.scenes.recipe import Recipe, load_recipe, stratum_of
 from tsbench.scenarios.data_set import SPLITS, DataSet, read_table
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.scenarios.store import SceneStore, store_path
 from tsbench.signs.catalog import load_catalog
 
 QUOTA = {"straight/2": 8, "straight/3": 8, "curved/2": 4, "curved/3": 4}
-SPEC = ScenarioSpec(
-    "", "detour_right", "detour", "4.2.1", None, "", "corridor", "straight", "", 0, "train", 1, 7.75, 90.0, 0.0, -1, 0,
-    600, "", "", "a" * 64, "b" * 64,
-)  # fmt: skip
+SPEC = replace(spec(), scenario_type="detour_right", route_length=90.0)
 
 
 def recipe() -> Recipe:

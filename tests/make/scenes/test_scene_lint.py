@@ -10,18 +10,13 @@ from typing import Any
 
 import pytest
 from lxml import etree
-from simworld import SceneMaker, edge, obstacle, place, plain, plate
+from simworld import SceneMaker, edge, loader_of, obstacle, place, plain, plate
 
-from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.plain import PlainNode
 from tsbench.make.scenes.traffic import Car
 from tsbench.make.scenes.verify import lint_limits, lint_scene
 from tsbench.roads.lane_graph import Destination
-from tsbench.roads.network import read_network
 from tsbench.roads.planner_map import build_planner_map
-from tsbench.scenarios.data_set import DataSet
-from tsbench.scenarios.scene_loader import SceneLoader
-from tsbench.scenarios.store import SceneFolder
 from tsbench.signs.annotations import SignInstance
 from tsbench.sim.scene import EgoStart, Obstacle
 
@@ -42,7 +37,7 @@ def problems(
         "linted", start, end, route, sign or plate(made.network, "ta", 139.0), cars=cars, obstacles=obstacles,
         convoy_at=convoy_at, change=add_compliant if compliant else None,
     )  # fmt: skip
-    scene, roads = SceneLoader(DataSet(), SceneFolder(made.root)).load(spec)
+    scene, roads = loader_of(made.root).load(spec)
     return list(lint_scene(scene, roads.graph))
 
 
@@ -82,9 +77,7 @@ def test_a_bend_that_no_car_can_take(tmp_path: Path, degrees: float, sharp: bool
     turn = math.radians(degrees)
     a, b = PlainNode("a", 0.0, 0.0), PlainNode("b", 150.0, 0.0)
     c = PlainNode("c", 150.0 + 100.0 * math.cos(turn), 100.0 * math.sin(turn))
-    net = tmp_path / "bend.net.xml.gz"
-    build_net(plain([a, b, c], [edge(a, b), edge(b, c)]), net)
-    made = SceneMaker(tmp_path, net, read_network(net))
+    made = SceneMaker.over(plain([a, b, c], [edge(a, b), edge(b, c)]), tmp_path)
     found = problems(
         made, EgoStart("ab_0", 60.0, 5.0), Destination("bc", 50.0), ("ab", "bc"), plate(made.network, "ab", 100.0)
     )

@@ -89,8 +89,6 @@ def test_what_happened_is_read_without_scrolling(chromium: Browser, report: Path
     with opened(chromium, report.as_uri(), size=(1400, 900)) as page:
         shown = page.locator("#episode-table th[data-name='told']").bounding_box()
         around = page.locator("#episode-table").bounding_box()
-        assert shown is not None
-        assert around is not None
         assert shown["x"] + shown["width"] <= around["x"] + around["width"]
 
 
@@ -159,7 +157,6 @@ def test_an_episode_is_seen_whole_and_plays_when_it_is_opened(chromium: Browser,
         until(page, "tsb.player.episode !== null")
         for name in ("player-view", "player-verdict", "player-play"):
             box = page.locator(f"#{name}").bounding_box()
-            assert box is not None
             assert box["y"] + box["height"] <= DESKTOP[1], name
         title = page.inner_text("#player-title")
         page.keyboard.press("]")
@@ -216,7 +213,6 @@ def test_curves_beside_the_speed_where_there_is_room(chromium: Browser, report: 
                 page.set_checked("#player-curves", wanted)
                 until_drawn(page, "player-line", {"192,21,37"})
                 box = page.locator("#player-line").bounding_box()
-                assert box is not None
                 heights.append(box["height"])
             assert heights[0] > 2 * heights[1]
             # The ego keeps its speed, and nobody is in its way.
@@ -230,7 +226,6 @@ def test_a_phone_in_the_dark(chromium: Browser, report: Path) -> None:
         until(page, "tsb.player.episode !== null")
         assert HOSTILE in page.inner_text("#player-title")
         box = page.locator("#player").bounding_box()
-        assert box is not None
         assert box["width"] <= 390
         page.click("#player-close")
         assert page.evaluate("document.documentElement.scrollWidth") <= 390
@@ -307,8 +302,6 @@ def test_both_halves_are_played_in_step(chromium: Browser, paired: Path) -> None
         assert "signed half: obeyed the sign" in page.inner_text("#player-verdict")
         assert "contrast half: obeyed what the sign does not ask" in page.inner_text("#player-2-verdict")
         left, right = (page.locator(f"#{name}").bounding_box() for name in ("player-view", "player-2-view"))
-        assert left is not None
-        assert right is not None
         assert (left["y"], left["width"]) == (right["y"], right["width"])
         page.keyboard.press("v")
         assert page.evaluate("tsb.player.tick") == pytest.approx(30)

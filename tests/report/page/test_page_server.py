@@ -18,6 +18,8 @@ import page_runs
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from command_line import in_process, refused
+from forgeries import change_manifest
 from page_runs import HOSTILE, TRACED
 from patience import HANG_S
 from test_page_format import unpack
@@ -160,9 +162,7 @@ def under_way(run: Path) -> list[bytes]:
     episodes, events, _ = (pq.read_table(run / name).to_pylist() for name in TABLES)
     for name in TABLES:
         (run / name).unlink()
-    manifest = json.loads((run / "run.json").read_text())
-    manifest |= {"status": "running", "files": None, "counts": None, "finished": None}
-    (run / "run.json").write_text(json.dumps(manifest))
+    change_manifest(run, status="running", files=None, counts=None, finished=None)
     (run / JOURNAL).write_bytes(encode({"run": "this"}))
     found: dict[tuple[str, str], dict[str, Any]] = {}
     for row in sorted(episodes, key=lambda row: (row["scenario_id"] not in TRACED, row["scenario_id"])):
@@ -308,7 +308,4 @@ def test_which_runs(tmp_path: Path, run: Path, capsys: pytest.CaptureFixture[str
     assert runs_below(tmp_path) == [run]
     with pytest.raises(InputError, match="no run folders in it"):
         runs_below(run)
-    with pytest.raises(SystemExit) as ended:
-        main(["view", str(tmp_path)])
-    assert ended.value.code == 2
-    assert "no run folder (it has no run.json)" in capsys.readouterr().err
+    assert "no run folder (it has no run.json)" in refused(in_process("view", capsys), str(tmp_path))

@@ -57,7 +57,6 @@ def test_who_can_remember_is_marked(drivers: str, tmp_path: Path) -> None:
     names = ("InSharedMemory", "Keeps")
     assert driven(drivers, names, tmp_path / "run") == {name: [FIRST, SECOND] for name in names}
     manifest = read_manifest(tmp_path / "run")
-    assert manifest is not None
     assert [planner["may_remember"] for planner in manifest["planners"]] == [True, True]
     assert marks_of(manifest) == dict.fromkeys(names, "may remember")
 

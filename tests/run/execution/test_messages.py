@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pyarrow.parquet as pq
 import pytest
+from data_folder import in_force
 from patience import HANG_S
 from run_helpers import HERE, Bench, specs
 
-from tsbench.core.paths import data_root
 from tsbench.episode.perception_level import EXACTLY, Perception
 from tsbench.run.edition import contract_hash
 from tsbench.run.execution.messages import (
@@ -97,15 +97,13 @@ SPEC = "fake_planners:Good"
 
 
 @pytest.fixture
-def actor(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Iterator[RayActor]:
-    monkeypatch.setenv("TSBENCH_DATA", str(bench.data))
-    monkeypatch.setattr(sys, "path", [*sys.path, str(HERE), str(HERE.parent / "metrics")])
-    monkeypatch.chdir(bench.folder)
-    data_root.cache_clear()
-    actor = RayActor(handshake(Limits(start=HANG_S)))
-    yield actor
-    actor.close()
-    data_root.cache_clear()
+def actor(bench: Bench) -> Iterator[RayActor]:
+    with in_force(bench.data) as patch:
+        patch.setattr(sys, "path", [*sys.path, str(HERE), str(HERE.parent / "metrics")])
+        patch.chdir(bench.folder)
+        actor = RayActor(handshake(Limits(start=HANG_S)))
+        yield actor
+        actor.close()
 
 
 @pytest.fixture

@@ -40,7 +40,6 @@ def test_a_planner_that_does_not_come_up_leaves_nothing(place: Path) -> None:
 @pytest.mark.parametrize("prefix", [ACTOR, SANDBOX])
 def test_folders_of_the_killed_are_removed_and_those_of_the_living_are_not(prefix: str, place: Path) -> None:
     owner = subprocess.Popen([sys.executable, "-c", _OWNER, prefix], stdout=subprocess.PIPE, text=True)
-    assert owner.stdout is not None
     theirs = Path(owner.stdout.readline().strip())
     assert theirs.parent == place
     remove_abandoned()

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from forgeries import change_manifest
 from patience import HANG_S
 from run_helpers import Bench
 
@@ -194,11 +195,6 @@ def copy(made: Bench) -> Path:
 
 
 COMMANDS = [[*TWO, "--out", "copy"], ["rescore", "copy"], ["compare", "copy", "good"]]
-
-
-def change_manifest(folder: Path, **changes: object) -> None:
-    path = folder / "run.json"
-    path.write_text(json.dumps(json.loads(path.read_text()) | changes))
 
 
 @pytest.mark.parametrize("command", COMMANDS)
