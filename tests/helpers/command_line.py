@@ -1,4 +1,4 @@
-"""Commands of tsbench: all there are, and one run within this process; and how whoever errs is told."""
+"""All commands of tsbench, a command run within this process, and how it refuses."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def refused(run: Command, *arguments: str) -> str:
 
 @contextmanager
 def one_line(*words: str, match: str | None = None, kind: type[Exception] = InputError) -> Iterator[list[str]]:
-    """What is done is refused in one line, which is given. words: what stands in it; match: a pattern of it."""
+    """The block raises an error of one line, which is given. words: what the line has; match: a pattern of it."""
     said: list[str] = []
     with pytest.raises(kind, match=match) as told:
         yield said

@@ -1,4 +1,4 @@
-"""Who is told how a run goes: the console, and listeners beside it, such as a tracker of experiments."""
+"""Listeners of a run: the console, and others beside it, such as a tracker of experiments."""
 
 from __future__ import annotations
 
