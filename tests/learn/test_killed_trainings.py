@@ -12,8 +12,10 @@ import numpy as np
 import pytest
 from patience import HANG_S
 
-from tsbench.learn.training_folder import read_rows
+from tsbench.learn.training_folder import command_line, read_rows
 from tsbench.planners.weights import load_weights, network
+
+pytestmark = pytest.mark.slow
 
 COMMAND = (sys.executable, "-c", "from tsbench.cli import main; main()", "train")
 IMITATION = (
@@ -44,7 +46,6 @@ def said(command: tuple[str, ...]) -> str:
     return done.stdout + done.stderr
 
 
-@pytest.mark.slow
 def test_imitation_comes_to_the_weights_of_an_undisturbed_one(tmp_path: Path) -> None:
     whole, broken = tmp_path / "whole", tmp_path / "broken"
     said((*COMMAND, *IMITATION, "--out", str(whole)))
@@ -62,10 +63,7 @@ def test_imitation_comes_to_the_weights_of_an_undisturbed_one(tmp_path: Path) ->
     assert network("plant2", broken).training["sessions"] == 2
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("program", ["/somewhere/bin/tsbench", "/somewhere/tsbench/__main__.py"])
 def test_a_command_is_the_same_however_tsbench_was_started(program: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    from tsbench.learn.training_folder import command_line  # brings torch
-
     monkeypatch.setattr(sys, "argv", [program, "train", "plant2", "--seed", "1"])
     assert command_line() == "tsbench train plant2 --seed 1"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +41,14 @@ ScenesOf = Callable[[str, tuple[PoolRow, PlainNet]], list[Scene]]
 @pytest.fixture(scope="module")
 def scenes_of(tmp_path_factory: pytest.TempPathFactory) -> ScenesOf:
     """The scenes of a map's first four variants, signed and contrast in turn; each site is built once."""
-    return cache(lambda type_id, made: build(type_id, made, tmp_path_factory.mktemp(type_id)))
+    built: dict[tuple[str, PoolRow], list[Scene]] = {}
+
+    def scenes(type_id: str, made: tuple[PoolRow, PlainNet]) -> list[Scene]:
+        if (type_id, made[0]) not in built:
+            built[type_id, made[0]] = build(type_id, made, tmp_path_factory.mktemp(type_id))
+        return built[type_id, made[0]]
+
+    return scenes
 
 
 def build(type_id: str, made: tuple[PoolRow, PlainNet], root: Path) -> list[Scene]:
