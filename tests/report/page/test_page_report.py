@@ -20,6 +20,7 @@ from tsbench.report.analyses.analysis import Analysis, Column, Kind, Row, Table,
 from tsbench.report.analyses.run_pool import index_episodes, read_pool
 from tsbench.report.page import report_page as embedding
 from tsbench.report.page import report_sections
+from tsbench.report.page.episode_player import EpisodePacker
 from tsbench.report.page.report_page import NAME, Written, embed, write_report
 from tsbench.report.page.report_sections import heading, headlines, sections, show
 
@@ -145,7 +146,10 @@ def test_players_are_left_out_until_they_fit(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("no_charts")
-def test_the_other_half_of_a_failure_is_driven_again(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_other_half_of_a_failure_is_driven_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(embedding, "_packer", EpisodePacker)
     run = tmp_path / "driven"
     for command in (["run", "--planner", "idm", "--split", "dev", "--types", "yield", "--limit", "1"], ["report"]):
         where = ["--out", str(run)] if "run" in command else [str(run)]

@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
-from tsbench.core.parallel import worker_processes
+from tsbench.core.parallel import Workers, worker_processes
 from tsbench.episode.trace import trace_path
 from tsbench.report.analyses.run_pool import EpisodeIndex, RunPool, by_interest, index_episodes, make_pool, read_pool
 from tsbench.report.page.episode_player import EpisodePacker, Packed, pack_plate
@@ -86,19 +86,22 @@ def embed(index: EpisodeIndex, room: int, workers: int, progress: Callable[[int,
 
 def _packed(index: EpisodeIndex, order: list[int], workers: int) -> Iterator[tuple[int, Packed | str]]:
     jobs = [(index.data, index.homes[index.key(row)[0]], index.key(row)) for row in order]
-    # libsumo is for other processes.
-    if len(order) == len(index.traced) and (workers <= 1 or len(jobs) < _FEW):
-        yield from ((row, _pack(*job)) for row, job in zip(order, jobs, strict=True))
-        return
-    with worker_processes(workers, "packing episodes") as pool:
-        yield from zip(order, pool.ordered(_pack, jobs), strict=True)
+    few = workers <= 1 or len(jobs) < _FEW
+    with worker_processes(1 if few else workers, "packing episodes") as pool:
+        packed = (_pack(*job, pool) for job in jobs) if few else pool.ordered(_pack, jobs)
+        yield from zip(order, packed, strict=True)
 
 
-def _pack(data: DataSet, run: Path, key: Key) -> Packed | str:
-    """An episode, or in one line why not: one bad trace is no reason to have no report."""
+def _pack(data: DataSet, run: Path, key: Key, drives: Workers | None = None) -> Packed | str:
+    """An episode, or in one line why not: one bad trace is no reason to have no report.
+
+    drives: where an episode without a trace is driven, None: here, which is a process of its own.
+    """
     path = trace_path(run, *key)
     try:
-        if not path.is_file():
+        if not path.is_file() and drives is not None:
+            drives.start(drive_again, run, key)()
+        elif not path.is_file():
             drive_again(run, key)
         return _packer(data).pack(path, key)
     except InputError as problem:
