@@ -81,6 +81,18 @@ def test_a_signed_half_has_to_tempt_and_to_bind_a_contrast_half_has_not(maker: S
     assert replace(b, engaged=False).unpaired_because(contrast) == ""
 
 
+def test_rows_that_were_proven_before_on_the_same_scenes_are_known(maker: SceneMaker) -> None:
+    halves = pair(maker, "sound")
+    proven = prove(maker, halves)
+    again = Certifier(simulation(), loader_of(maker.root), proven)
+    assert list(again.known(halves)) == proven
+    signed, contrast = halves
+    assert again.known([replace(signed, additional_sha256="0" * 64), contrast]) == ()
+    assert again.known([*halves, replace(signed, scenario_id="another")]) == ()
+    of_before = [replace(one, scoring=one.scoring - 1) for one in proven]
+    assert Certifier(simulation(), loader_of(maker.root), of_before).known(halves) == ()
+
+
 def test_a_post_that_stands_elsewhere_tells_the_halves_apart(maker: SceneMaker) -> None:
     halves = pair(maker, "moved", other_m=100.5)
     found = prove(maker, halves)[0]

@@ -14,6 +14,7 @@ from test_route_scenes import TYPES, ways
 
 from tsbench.core.benchmark import SIGN_RANGE_M
 from tsbench.make.maps.plain import PlainNet
+from tsbench.make.scenes.plate_surroundings import CLOSING
 from tsbench.make.scenes.verify import lint_places
 from tsbench.roads.lane_graph import LaneGraph
 from tsbench.scenarios.map_pool import PoolRow
@@ -125,6 +126,9 @@ def test_plates_stand_where_they_can_and_are_kept(type_id: str, scenes_of: Scene
     """No plate of either half stands where it cannot, and no vehicle breaks one."""
     for scene in scenes_of(type_id, MAPS[type_id]):
         assert [str(f) for f in lint_places(scene, LaneGraph(scene.network))] == []
+        # Roads that lanes lead into are closed by no other plate than the target and its counterpart.
+        closing = [s for s in scene.signs if s.code in CLOSING]
+        assert len(closing) <= (1 if type_id in ("blocked_road", "no_entry") else 0)
 
 
 @pytest.mark.parametrize("type_id", ["direction_straight", "no_turn_left"])

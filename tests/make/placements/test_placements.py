@@ -147,6 +147,10 @@ class Recorder:
             "arrived", tempting, True, asked, realised, 5, 0, 0.0, "", spec.additional_sha256, "", "", None,
         )  # fmt: skip
 
+    def known(self, rows: Sequence[ScenarioSpec]) -> tuple[Certificate, ...]:
+        del rows
+        return ()
+
     def compare(self, proven: Sequence[Certificate]) -> tuple[Certificate, ...]:
         return tuple(replace(c, exclusive=True, blind_equal=True) for c in proven)
 
@@ -280,6 +284,18 @@ def test_a_variant_is_drawn_anew_until_it_is_solved(tmp_path: Path, lone_yield: 
     assert first.rows[0] == site.rows[0]
     assert first.rows[1].additional_sha256 != site.rows[1].additional_sha256
     assert first.rows[1].seed != site.rows[1].seed
+
+
+def test_a_row_of_a_known_scene_is_not_proven_again(lone_yield: LoneYield, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = lone_yield("before", (0, 1), Recorder(lambda spec, k: (spec.variant == 0 or k == 2, True)))
+    known, again = {c.digest: c for c in before.certificates}, Recorder(lambda *_: (False, True))
+    monkeypatch.setattr(
+        again, "known", lambda rows: tuple(known[r.additional_sha256] for r in rows if r.additional_sha256 in known)
+    )
+    after = lone_yield("after", (0, 1), again)
+    assert (after.rows, after.certificates) == (before.rows, before.certificates)
+    # Two draws of the second variant are not those that were kept.
+    assert again.attempt == 1
 
 
 def test_a_map_that_no_expert_solves_is_unfit(lone_yield: LoneYield) -> None:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
-from pool_builders import dual_path, halves_of, recipe_of, scene_task, signed_half
+from pool_builders import dual_path, halves_of, prepared, recipe_of, scene_task, signed_half
 from simworld import CALM, edge, plain
 
 from tsbench.make.maps.plain import PlainNet, PlainNode
@@ -186,6 +187,14 @@ def test_a_one_way_road_has_to_go_on() -> None:
     recipe = recipe_of("one_way_right")
     with pytest.raises(UnfitMapError, match="does not go on where the plate points"):
         placement_of(recipe).prepare(row, without, recipe)
+
+
+def test_a_road_of_two_lanes_is_not_sent_into_one_of_one(networks: dict[str, RoadNetwork], tmp_path: Path) -> None:
+    row, crop = ways(*TYPES["no_turn_left"])
+    wide = replace(crop, edges=tuple(replace(e, num_lanes=2) if e.id == "ab" else e for e in crop.edges))
+    network = prepared(tmp_path, "no_turn_left", row, wide)
+    with pytest.raises(UnfitMapError, match="a plate would send 2 lanes of a road into one of 1"):
+        place(networks | {"no_turn_left": network}, "no_turn_left")
 
 
 def test_a_way_in_another_direction_than_its_slot_is_unfit(networks: dict[str, RoadNetwork]) -> None:

@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 from collections import defaultdict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from itertools import groupby
@@ -86,12 +86,13 @@ _APART = {2: ((0, 1),), 4: ((0, 1), (2, 3), (0, 2), (1, 3))}
 
 
 class Certifier:
-    """Proves rows in the process's one simulation. loader: gives their scenes."""
+    """Proves rows in the process's one simulation. loader: gives their scenes; proven: certificates of before."""
 
     expert: str = EXPERTS[0]
 
-    def __init__(self, simulation: Simulation, loader: SceneLoader) -> None:
+    def __init__(self, simulation: Simulation, loader: SceneLoader, proven: Iterable[Certificate] = ()) -> None:
         self._simulation, self._loader = simulation, loader
+        self._known = {one.scenario_id: one for one in proven if one.scoring == SCORING}
         self._loaded: dict[str, LoadedPlanner] = {}
         self._proofs: dict[str, _Proof] = {}
 
@@ -116,6 +117,15 @@ class Certifier:
             error=solved.result.error or blind.result.error, digest=_digest(solved.result, blind.result),
             basis=bases([spec])[spec.scenario_id], scoring=SCORING, reproduced=None,
         )  # fmt: skip
+
+    def known(self, rows: Sequence[ScenarioSpec]) -> tuple[Certificate, ...]:
+        """The certificates of rows that were proven before on the same scenes; () where one was not.
+
+        The same basis and scoring: a drive of these rows shows the same.
+        """
+        of_rows = bases(rows)
+        found = tuple(one for name in of_rows if (one := self._known.get(name)) and one.basis == of_rows[name])
+        return found if len(found) == len(rows) else ()
 
     def compare(self, proven: Sequence[Certificate]) -> tuple[Certificate, ...]:
         """They with what each two that differ in one sign show. Raises ValueError unless `prove` drove them last."""

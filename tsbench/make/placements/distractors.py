@@ -194,7 +194,8 @@ def _fitting(
             post = bare_post(task, arrangement, edge, place_along(code, line.length, task), len(found))
             if on_its_place(post, line) and is_apart(post, (*arrangement.signs, *found)):
                 for plate in _bearings(post, code, task):
-                    if can_stand([(*found, plate)] * len(halves), halves):
+                    # No office closes a road that lanes lead into, though no vehicle of the scene may enter it.
+                    if plate.code not in CLOSING and can_stand([(*found, plate)] * len(halves), halves):
                         return plate
     return None
 

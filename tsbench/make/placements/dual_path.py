@@ -90,6 +90,8 @@ class ManoeuvrePlacement(ScenePlacement):
         require(compliant is not None, "no way round the prohibited manoeuvre")
         assert compliant is not None
         _check_turns(task.row, graph, short, compliant)
+        wide, *ways = (len(passenger_lanes(network, edge)) for edge in (signed, short[1], compliant[1]))
+        require(wide <= min(ways), f"a plate would send {wide} lanes of a road into one of {min(ways)}")
         options = [network.lanes[c.from_lane] for c in graph.connections(short[0], short[1])]
         lane = options[variant.layout % len(options)]
         before = float(task.rng.uniform(recipe.number("ego_nearest_m"), recipe.number("ego_farthest_m")))

@@ -96,7 +96,7 @@ class GiveWayPlacement(ScenePlacement):
         into = (arms.ego_in, *arms.prior_in, *arms.minor_in)
         lanes = [len(passenger_lanes(network, edge)) for edge in into if edge in network.edges]
         # In one half each road has priority over the other.
-        require(max(lanes) - min(lanes) <= 1, f"roads of {min(lanes)} and {max(lanes)} lanes each way cross")
+        require(max(lanes) == min(lanes), f"roads of {min(lanes)} and {max(lanes)} lanes each way cross")
         slowest, farthest = recipe.number("slowest_turn_mps"), recipe.number("convoy_most_to_zone_m")
         options = conflicts(network, graph, arms, slowest_turn=slowest, most_to_zone=farthest)
         require(bool(options), "no path of the ego meets, near its line, one that has priority")

@@ -93,17 +93,18 @@ class TypeReport:
 
 
 @lru_cache(maxsize=1)
-def _tools(root: Path, certifier: str) -> tuple[Simulation, Prover | None]:
+def _tools(root: Path, workplace: Path, certifier: str) -> tuple[Simulation, Prover | None]:
     """A worker process's one simulation, and who proves rows in it."""
     sim = Simulation()
     module, _, name = certifier.partition(":")
-    loader = SceneLoader(DataSet(), SceneFolder(root))
-    return sim, getattr(importlib.import_module(module), name)(sim, loader) if certifier else None
+    loader, before = SceneLoader(DataSet(), SceneFolder(workplace)), certificates_path(root)
+    proven = read_certificates(before) if before.is_file() else ()
+    return sim, getattr(importlib.import_module(module), name)(sim, loader, proven) if name else None
 
 
 def _build_one(recipe: Recipe, row: PoolRow, split: str, request: BuildRequest) -> dict[str, Any]:
     """In a worker process: the scenarios of one map, as plain data."""
-    sim, certifier = _tools(request.workplace, request.certifier)
+    sim, certifier = _tools(request.root, request.workplace, request.certifier)
     source = kept_source(request.data, row.source, request.osm)
     return asdict(SiteBuilder(recipe, request.workplace, sim, certifier).build(row, source, split))
 

@@ -225,9 +225,10 @@ _WAYS_M = MappingProxyType(
         "s": (((0.0, 0.0), (1.6, 0.0)), (1.0, 0.0)),
         "l": (((-0.6, 0.0), (0.1, 0.1), (0.5, 0.35), (0.6, 0.55)), (0.0, 1.0)),
         "t": (((-0.6, 0.0), (0.1, 0.1), (0.3, 0.45), (0.1, 0.8), (-0.3, 0.9)), (-1.0, 0.0)),
+        "m": (((-0.6, 0.0), (0.2, 0.1), (0.8, 0.4)), (0.8, 0.6)),
     }
 )
-_MIRRORED = MappingProxyType({"r": "l", "T": "t"})
+_MIRRORED = MappingProxyType({"r": "l", "T": "t", "M": "m"})
 _BACK = frozenset("tT")
 _LEANS = MappingProxyType({"L": "l", "R": "r"})
 # So far before the end of its lane the front of a turn's arrow stands, in the middle of a short one; one-way arrows
@@ -246,6 +247,15 @@ def _turns(network: RoadNetwork, lane: Lane) -> set[str]:
     return turns if forks and turns - _BACK else set()
 
 
+def _merges(network: RoadNetwork, lane: Lane) -> str:
+    """The side, m left or M right, to which a lane is left that ends beside lanes that lead on; "" of another."""
+    others = [network.lanes[i] for i in _beside(network, lane) if network.outgoing[i]]
+    if network.outgoing[lane.index] or not others:
+        return ""
+    nearest = min(others, key=lambda other: abs(other.order - lane.order))
+    return "M" if (nearest.order < lane.order) != network.left_hand else "m"
+
+
 def _turn_arrows(network: RoadNetwork, lane: Lane) -> Iterator[Area | Line]:
     """Where a lane leads, painted before a fork."""
     if turns := _turns(network, lane):
@@ -255,15 +265,15 @@ def _turn_arrows(network: RoadNetwork, lane: Lane) -> Iterator[Area | Line]:
 
 
 def _one_way_arrows(network: RoadNetwork, lane: Lane) -> Iterator[Area | Line]:
-    """Again and again which way a one-way road goes."""
+    """Again and again which way a one-way road goes, or to which side a lane of it is left."""
     if not lane.permits("passenger"):
         return
     plain = _BEFORE_END_M + _APART_M / 2 if _turns(network, lane) else 0.0
     length = lane.line.length - plain
     if length >= _LEAST_LANE_M:
-        count = max(round(length / _APART_M), 1)
+        count, way = max(round(length / _APART_M), 1), _merges(network, lane) or "s"
         for k in range(count):
-            yield from _arrow(lane, (k + 0.5) * length / count + 0.5 * _LENGTH_M - _POINT_M, {"s"})
+            yield from _arrow(lane, (k + 0.5) * length / count + 0.5 * _LENGTH_M - _POINT_M, {way})
 
 
 def _beside(network: RoadNetwork, lane: Lane) -> tuple[int, ...]:
