@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
+import shapely
 from lxml import etree
 
-from tsbench.report.drawing.canvas import Area, DrawnPlate
+from tsbench.report.drawing.canvas import Area, DrawnPlate, Line
 from tsbench.report.drawing.road_shapes import main_road_rgba, main_road_svg, mark_shapes, stop_lines
 from tsbench.report.drawing.scene_shapes import furniture_shapes
 from tsbench.scenarios.data_set import DataSet
@@ -59,7 +60,13 @@ def test_a_crossing_has_stripes_where_its_plate_stands(rows: dict[tuple[str, str
     scene = scene_of(rows, "crosswalk", "signed")
     assert any(isinstance(shape, Area) for shape in mark_shapes(scene.network, scene))
     others = tuple(replace(sign, code="3.24", params=None) for sign in scene.signs)
-    assert not any(isinstance(shape, Area) for shape in mark_shapes(scene.network, replace(scene, signs=others)))
+    bare = list(mark_shapes(scene.network, replace(scene, signs=others)))
+    assert not any(isinstance(shape, Area) for shape in bare)
+    # Without plates the road's lines go on over both crossings.
+    there = [shapely.LineString(shape.points) for shape in bare if isinstance(shape, Line)]
+    for crossing in scene.network.crossings.values():
+        over = shapely.LineString(crossing.line.points)
+        assert sum(line.crosses(over) for line in there) >= 4
 
 
 def test_the_plate_is_a_picture_of_its_roads() -> None:

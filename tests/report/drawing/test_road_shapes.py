@@ -92,6 +92,21 @@ def test_a_one_way_road_says_again_and_again_which_way_it_goes() -> None:
     assert not any(isinstance(s, Area) and s.colour == "marking" for s in road_shapes(road))
 
 
+def test_a_lane_that_ends_beside_others_is_left_to_their_side() -> None:
+    rows = {row.scenario_type: row for row in DataSet().table("dev")}
+    scene, _ = SceneLoader(DataSet()).load(rows["bus_lane_road"])
+    lanes = scene.network.edge_lanes(scene.route_hint[0])
+    ends, leads = lanes[-1], lanes[0]
+    assert (scene.start.lane, len(scene.network.outgoing[ends.index])) == (ends.id, 0)
+    for lane, aside in ((ends, True), (leads, False)):
+        area = lane_area(lane.line, lane.width)
+        for shape in road_shapes(scene.network):
+            if isinstance(shape, Area) and shape.colour == "marking" and area.contains(shape.polygon.centroid):
+                point, *_ = shape.polygon.exterior.coords
+                beside = lane.line.project(*point)[1]
+                assert (beside < -0.3) is aside
+
+
 def test_brake_lights_are_on_while_somebody_slows_down() -> None:
     table = ActorTable()
     row = table.add("car", ActorKind.CAR, 5.0, 1.8, ("e",))

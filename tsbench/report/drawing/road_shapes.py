@@ -136,6 +136,17 @@ def mark_shapes(network: RoadNetwork, scene: Scene | None = None) -> Iterator[Ar
         if any(math.dist((post.x, post.y), end) <= _AT_CROSSING_M for post in posts for end in ends):
             for dash in dashes(ends, *_ZEBRA_M):
                 yield Area("marking", strip(Polyline(dash), crossing.width))
+        else:
+            yield from _lines_across(network, crossing)
+
+
+def _lines_across(network: RoadNetwork, crossing: Crossing) -> Iterator[Line]:
+    """The lines of the crossed road, which go on where no plate makes people cross."""
+    two_way = bool(_two_way(network).intersection(crossing.edges))
+    inside = crossing.id.rpartition("_")[0] + "_"
+    for name, edge in network.edges.items():
+        if name.startswith(inside) and (lanes := _drivable(network, edge)):
+            yield from _edge_marks(lanes, two_way, network.to_kerb)
 
 
 def _regulated(scene: Scene | None) -> set[str]:
