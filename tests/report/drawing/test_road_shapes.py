@@ -100,11 +100,9 @@ def test_a_lane_that_ends_beside_others_is_left_to_their_side() -> None:
     assert (scene.start.lane, len(scene.network.outgoing[ends.index])) == (ends.id, 0)
     for lane, aside in ((ends, True), (leads, False)):
         area = lane_area(lane.line, lane.width)
-        for shape in road_shapes(scene.network):
-            if isinstance(shape, Area) and shape.colour == "marking" and area.contains(shape.polygon.centroid):
-                point, *_ = shape.polygon.exterior.coords
-                beside = lane.line.project(*point)[1]
-                assert (beside < -0.3) is aside
+        heads = [s.polygon for s in road_shapes(scene.network) if isinstance(s, Area) and s.colour == "marking"]
+        beside = [lane.line.project(*head.exterior.coords[0])[1] for head in heads if area.contains(head.centroid)]
+        assert [at < -0.3 for at in beside] == [aside] * max(len(beside), 1)
 
 
 def test_brake_lights_are_on_while_somebody_slows_down() -> None:
