@@ -85,12 +85,14 @@ def test_rows_that_were_proven_before_on_the_same_scenes_are_known(maker: SceneM
     halves = pair(maker, "sound")
     proven = prove(maker, halves)
     again = Certifier(simulation(), loader_of(maker.root), proven)
-    assert list(again.known(halves)) == proven
+    assert list(again.known(halves, "idm")) == proven
     signed, contrast = halves
-    assert again.known([replace(signed, additional_sha256="0" * 64), contrast]) == ()
-    assert again.known([*halves, replace(signed, scenario_id="another")]) == ()
-    of_before = [replace(one, scoring=one.scoring - 1) for one in proven]
-    assert Certifier(simulation(), loader_of(maker.root), of_before).known(halves) == ()
+    assert again.known([replace(signed, additional_sha256="0" * 64), contrast], "idm") == ()
+    assert again.known([*halves, replace(signed, scenario_id="another")], "idm") == ()
+    assert again.known(halves, "idm-s1") == ()
+    for change in ({"scoring": proven[0].scoring - 1}, {"reproduced": False}):
+        void = [replace(one, **change) for one in proven]  # type: ignore[arg-type]
+        assert Certifier(simulation(), loader_of(maker.root), void).known(halves, "idm") == ()
 
 
 def test_a_post_that_stands_elsewhere_tells_the_halves_apart(maker: SceneMaker) -> None:

@@ -147,8 +147,8 @@ class Recorder:
             "arrived", tempting, True, asked, realised, 5, 0, 0.0, "", spec.additional_sha256, "", "", None,
         )  # fmt: skip
 
-    def known(self, rows: Sequence[ScenarioSpec]) -> tuple[Certificate, ...]:
-        del rows
+    def known(self, rows: Sequence[ScenarioSpec], blind_baseline: str) -> tuple[Certificate, ...]:
+        del rows, blind_baseline
         return ()
 
     def compare(self, proven: Sequence[Certificate]) -> tuple[Certificate, ...]:
@@ -290,7 +290,7 @@ def test_a_row_of_a_known_scene_is_not_proven_again(lone_yield: LoneYield, monke
     before = lone_yield("before", (0, 1), Recorder(lambda spec, k: (spec.variant == 0 or k == 2, True)))
     known, again = {c.digest: c for c in before.certificates}, Recorder(lambda *_: (False, True))
     monkeypatch.setattr(
-        again, "known", lambda rows: tuple(known[r.additional_sha256] for r in rows if r.additional_sha256 in known)
+        again, "known", lambda rows, _: tuple(known[r.additional_sha256] for r in rows if r.additional_sha256 in known)
     )
     after = lone_yield("after", (0, 1), again)
     assert (after.rows, after.certificates) == (before.rows, before.certificates)

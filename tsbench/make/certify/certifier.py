@@ -92,7 +92,9 @@ class Certifier:
 
     def __init__(self, simulation: Simulation, loader: SceneLoader, proven: Iterable[Certificate] = ()) -> None:
         self._simulation, self._loader = simulation, loader
-        self._known = {one.scenario_id: one for one in proven if one.scoring == SCORING}
+        # One that another process refuted proves nothing.
+        trusted = (one for one in proven if one.scoring == SCORING and one.reproduced is not False)
+        self._known = {one.scenario_id: one for one in trusted}
         self._loaded: dict[str, LoadedPlanner] = {}
         self._proofs: dict[str, _Proof] = {}
 
@@ -118,13 +120,14 @@ class Certifier:
             basis=bases([spec])[spec.scenario_id], scoring=SCORING, reproduced=None,
         )  # fmt: skip
 
-    def known(self, rows: Sequence[ScenarioSpec]) -> tuple[Certificate, ...]:
+    def known(self, rows: Sequence[ScenarioSpec], blind_baseline: str) -> tuple[Certificate, ...]:
         """The certificates of rows that were proven before on the same scenes; () where one was not.
 
-        The same basis and scoring: a drive of these rows shows the same.
+        The same basis, scoring and blind baseline: a drive of these rows shows the same.
         """
-        of_rows = bases(rows)
-        found = tuple(one for name in of_rows if (one := self._known.get(name)) and one.basis == of_rows[name])
+        asked = {name: (basis, blind_baseline) for name, basis in bases(rows).items()}
+        there = (self._known[name] for name in asked if name in self._known)
+        found = tuple(one for one in there if (one.basis, one.blind_baseline) == asked[one.scenario_id])
         return found if len(found) == len(rows) else ()
 
     def compare(self, proven: Sequence[Certificate]) -> tuple[Certificate, ...]:

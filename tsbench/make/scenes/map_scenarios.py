@@ -59,7 +59,7 @@ class Prover(Protocol):
     ) -> Certificate:
         """The certificate of a row. asked, realised: cars per lane-km."""
 
-    def known(self, rows: Sequence[ScenarioSpec]) -> tuple[Certificate, ...]:
+    def known(self, rows: Sequence[ScenarioSpec], blind_baseline: str) -> tuple[Certificate, ...]:
         """The certificates of rows that were proven before on the same scenes; () where one was not."""
 
     def compare(self, proven: Sequence[Certificate]) -> tuple[Certificate, ...]:
@@ -198,7 +198,7 @@ class SiteBuilder:
 
     def _prove(self, prover: Prover, drawn: _Drawn, attempt: int) -> tuple[Certificate, ...]:
         """One certificate a row; each is looked at only where those before it are what they should be."""
-        if known := prover.known(drawn.rows):
+        if known := prover.known(drawn.rows, self.recipe.blind_baseline):
             return tuple(
                 replace(one, attempt=attempt, asked_density=drawn.asked, realised_density=drawn.density)
                 for one in known
