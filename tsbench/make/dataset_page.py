@@ -84,10 +84,6 @@ def _sources(names: Sequence[str], x: Any, y: Any) -> list[list[Any]]:
 Group = tuple[str, str]
 
 
-def scene_blob(type_id: str, map_id: str) -> str:
-    return f"scene/{type_id}/{map_id}"
-
-
 def pack_scenes(
     data: DataSet, groups: Mapping[Group, Sequence[ScenarioSpec]], workers: int, progress: Callable[[int, int], None]
 ) -> Iterator[tuple[Group, bytes, set[str]]]:
@@ -204,7 +200,7 @@ def write_dataset_page(data: DataSet, rows: Sequence[ScenarioSpec], out: Path, w
     }
     plates: set[str] = set()
     for key, packed, shown in pack_scenes(data, groups, workers, progress):
-        blobs[scene_blob(*key)] = packed
+        blobs["/".join(("scene", *key))] = packed
         plates |= shown
     artwork = data.artwork()
     pictures = {key: plate_of(artwork, key) for key in sorted(plates)}

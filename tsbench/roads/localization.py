@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from tsbench.geometry.polyline import Array
-from tsbench.roads.network import Lane, RoadNetwork
+from tsbench.roads.network import RoadNetwork
 
 _MARGIN_M = 1e-6
 # Lanes side by side leave slits: netconvert rounds to centimetres, and offset lines part at bends.
@@ -65,7 +65,8 @@ class LaneLocator:
             if abs(d) > lane.width / 2 + _MARGIN_M or not -_MARGIN_M <= s <= lane.line.length + _MARGIN_M:
                 continue
             turn = 1.0 - math.cos(heading - lane.line.heading_at(s))
-            cost = abs(d) + 4.0 * turn + self._switch_cost(lane, last)
+            # Paths through a junction overlap at first: stay on the one that was taken.
+            cost = abs(d) + 4.0 * turn + (0.0 if lane.index == last else 0.3)
             if cost < best_cost:
                 best, best_cost, place = lane.index, cost, (s, d)
         if best < 0:
@@ -90,8 +91,3 @@ class LaneLocator:
             return -1, (0.0, 0.0)
         _, index, s, d = min(between)
         return index, (s, d)
-
-    @staticmethod
-    def _switch_cost(lane: Lane, last: int) -> float:
-        # Paths through a junction overlap at first: stay on the one that was taken.
-        return 0.0 if lane.index == last else 0.3

@@ -92,7 +92,7 @@ class Zone:
         self.road = monitor.road(edges, sign.lane)
         self.start = sign.position_m
         self.end = self.road.length
-        plate = _end_plate(sign, scene.signs)
+        plate = next((s for s in scene.signs if s.ends == sign.id), None)
         if plate is not None:
             if plate.edge not in self.road.starts:
                 raise InputError(f"{where}: its end plate {plate.id!r} is not on an edge of its zone")
@@ -104,10 +104,6 @@ class Zone:
         """Metres of the ego's front past the plate's line; None where it is outside the zone."""
         front = self.road.front(ego)
         return front - self.start if front is not None and self.start < front <= self.end else None
-
-
-def _end_plate(sign: SignInstance, signs: tuple[SignInstance, ...]) -> SignInstance | None:
-    return next((s for s in signs if s.ends == sign.id), None)
 
 
 @dataclass(frozen=True, slots=True)

@@ -147,17 +147,13 @@ class Edition:
 
     def standing(self) -> dict[str, str]:
         """For each contract that has results of others: the contract that these were published under."""
-        now = {} if self._judged_otherwise else self.now()
+        now = self.now() if self.scoring in (None, SCORING) else {}
         same = ([*known, now.get(split, known[0])] for split, known in self.earlier.items())
         return {contract: known[0] for known in same for contract in known}
 
     def kept(self, split: str) -> str:
         """The contract that the published results of a split are shown under."""
         return self.earlier.get(split, [self.now()[split]])[0]
-
-    @property
-    def _judged_otherwise(self) -> bool:
-        return self.scoring not in (None, SCORING)
 
     def contracts(self) -> set[str]:
         """All contracts under this name."""

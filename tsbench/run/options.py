@@ -14,7 +14,7 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import quote
@@ -283,10 +283,6 @@ class RunOptions:
     def perceived(self) -> Perception:
         """How plates reach the planners. Raises InputError for no level."""
         return Perception(self.mask_signs, load_level(self.perception))
-
-    def of_workers(self) -> Limits:
-        """The limits of workers."""
-        return replace(self.limits, most_memory=self.memory_limit)
 
     def folder_name(self, names: Sequence[str], contract: str) -> str:
         """Folder name of a run without `--out`; runs that differ in their selection do not meet in one folder."""

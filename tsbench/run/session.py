@@ -84,7 +84,8 @@ def run(options: RunOptions, watcher: ProgressListener, listeners: Sequence[List
     if options.out is not None and not options.overwrite:
         check_folder(options.out, contract, effective)
     episodes = len(plan.scenarios) * len(options.planners)
-    with make_executor(options.executor, options.workers, episodes, options.of_workers()) as pool:
+    limits = replace(options.limits, most_memory=options.memory_limit)
+    with make_executor(options.executor, options.workers, episodes, limits) as pool:
         out = None if options.out is None else options.out.resolve()
         hidden = tuple(str(path) for path in (out, Path("runs").resolve()) if path is not None)
         # Before a line of their code runs.

@@ -31,7 +31,6 @@ from tsbench.scenarios.certificates import Certificate
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.scene_loader import Roads
 from tsbench.scenarios.spec import CONTRAST, SIGNED, ScenarioSpec
-from tsbench.signs.annotations import SignInstance
 from tsbench.sim.scene import SceneFile
 from tsbench.sim.sumo import Simulation
 from tsbench.sim.world import DT_S
@@ -258,7 +257,7 @@ class SiteBuilder:
         more = distractors(there, found[0], scenes)
         rows = []
         for (end, network, half), a in zip(corners, found, strict=True):
-            writer = files(end, network, _with_plates(a, more))
+            writer = files(end, network, replace(a, signs=(*a.signs, *more)))
             writer.write(others)
             spec = replace(self._row(row, variant, split, writer), half=half, scenario_id=f"{pair}{end}")
             if self.recipe.paired:
@@ -307,10 +306,6 @@ class SiteBuilder:
             additional=files.path.relative_to(self.root).as_posix(), net_sha256=sha256(net.content),
             additional_sha256=files.sha256,
         )  # fmt: skip
-
-
-def _with_plates(a: Arrangement, more: tuple[SignInstance, ...]) -> Arrangement:
-    return replace(a, signs=(*a.signs, *more))
 
 
 def _roads(plain: PlainNet, path: Path) -> Roads:
