@@ -112,7 +112,8 @@ class BirdsEye:
         self._track = np.array([(s.ego.x, s.ego.y) for s in trace.snapshots])
         bounds = (FOLLOW_PX_PER_M if follow else WHOLE_SCENE_PX_PER_M / 2, LARGEST_PX_PER_M)
         self._still = camera_over(around, size.width, size.view_height, _MARGIN_M, bounds)
-        self._follow = follow and not _shows(self._still, around)
+        px = self._still.px(around)
+        self._follow = follow and not ((px >= 0) & (px <= (self._still.width, self._still.height))).all()
         self._ground_camera = self._over_track() if self._follow else self._still
         camera = self._ground_camera
         self.ground: Image = np.full((camera.height, camera.width, 3), STYLE.ground, dtype=np.uint8)
@@ -285,8 +286,3 @@ def mark_violation(image: Image, camera: Camera, event: Violation) -> None:
         arm = np.array((round(radius * 0.35), round(radius * 0.35) * sign))
         ends = [(centre - arm).tolist(), (centre + arm).tolist()]
         cv2.line(image, ends[0], ends[1], STYLE.violation, 2, cv2.LINE_AA, SHIFT)
-
-
-def _shows(camera: Camera, points: Array) -> bool:
-    px = camera.px(points)
-    return bool(np.all((px >= 0) & (px <= (camera.width, camera.height))))
