@@ -65,7 +65,7 @@ def draw_rows(axes: Any, rows: Sequence[ForestRow], labels: bool = True, head: s
     axes.set_axisbelow(True)
 
 
-def put_counts(axes: Any, texts: Sequence[str], head: str = "", size: int = 7) -> Any:
+def put_counts(axes: Any, texts: Sequence[str], head: str = "", size: int = 7) -> None:
     """What each row rests on, at the right of its axes; head: what that is, above them."""
     right = axes.secondary_yaxis("right")
     right.set_yticks(range(len(texts)), texts)
@@ -74,7 +74,6 @@ def put_counts(axes: Any, texts: Sequence[str], head: str = "", size: int = 7) -
     if head:
         frames = {"xycoords": "axes fraction", "textcoords": "offset points"}
         axes.annotate(head, (1.0, 1.0), (4, 3), **frames, fontsize=size, color=GREY)
-    return right
 
 
 def draw_forest(matched: Matched, path: Path) -> None:

@@ -165,7 +165,10 @@ class BirdsEye:
         """
         page = np.empty((self.size.height, self.size.width, 3), dtype=np.uint8) if out is None else out
         self._mark(self.trace.snapshots[tick].time)
-        self._trail(tick)
+        if tick > self._trailed:
+            points = self._ground_camera.fixed(self._track[self._trailed : tick + 1])
+            cv2.polylines(self.ground, [points], False, STYLE.trail, 2, cv2.LINE_AA, SHIFT)
+            self._trailed = tick
         top, size = self.size.header_px, self.size
         self._draw_view(page[top : top + size.view_height], tick)
         if self._strip is not None:
@@ -238,12 +241,6 @@ class BirdsEye:
         plan = self.trace.plans[tick] if tick < len(self.trace.plans) else None
         if plan is not None and len(plan) > 1:
             cv2.polylines(view, [camera.fixed(plan)], False, STYLE.plan, 2, cv2.LINE_AA, SHIFT)
-
-    def _trail(self, tick: int) -> None:
-        if tick > self._trailed:
-            points = self._ground_camera.fixed(self._track[self._trailed : tick + 1])
-            cv2.polylines(self.ground, [points], False, STYLE.trail, 2, cv2.LINE_AA, SHIFT)
-            self._trailed = tick
 
     def _mark(self, time: float) -> None:
         events = self.trace.against
