@@ -132,8 +132,6 @@ class Analysis:
 
 
 DASH = "–"
-# Two lines in a cell: the value, below it the ends of its interval.
-_BREAK = "\n"
 # Texts are folded where there is no room, but not to less than this.
 _LEAST = 8
 # Between columns: padding, and the box's own blank.
@@ -219,7 +217,7 @@ def _rich(table: Table, block: tuple[int, ...], width: int) -> RichTable:
     for row in table.rows:
         if row.starts and shown.row_count:
             shown.add_section()
-        cells = (Text(_BREAK.join(lines_of(table.columns[k], row.cells[k]))) for k in block)
+        cells = (Text("\n".join(lines_of(table.columns[k], row.cells[k]))) for k in block)
         shown.add_row(*cells, style="dim" if row.faint else None)
     return shown
 

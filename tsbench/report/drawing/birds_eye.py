@@ -149,14 +149,11 @@ class BirdsEye:
         parts = episode_subtitle(trace, artwork).split(" · ")
         # A narrow page has room for the scenario and its sign.
         subtitle = " · ".join(parts[:2] if self.size.compact else parts)
-        signs, kinds = self.scene.target_signs, self._kinds()
-        return Hud(self.size, episode_title(trace), subtitle, signs, artwork, shares, kinds)
-
-    def _kinds(self) -> frozenset[str]:
-        """What there is to be seen, for the legend."""
-        table = self.trace.snapshots[-1].actors.table
-        found = {body_kind(table, row) for row in range(len(table.ids))}
-        return frozenset(found | ({"plan"} if any(plan is not None for plan in self.trace.plans) else set()))
+        # What there is to be seen, for the legend.
+        table = trace.snapshots[-1].actors.table
+        kinds = {body_kind(table, row) for row in range(len(table.ids))}
+        kinds |= {"plan" for plan in trace.plans if plan is not None}
+        return Hud(self.size, episode_title(trace), subtitle, self.scene.target_signs, artwork, shares, kinds)
 
     def page(self, tick: int, out: Image | None = None) -> Image:
         """The page of one tick, (height, width, 3) RGB. Ticks must not run backwards: the trail only grows.
