@@ -6,7 +6,7 @@ A submission is made after all checks that need no second drive.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -151,22 +151,8 @@ class Claim:
 def claim_of(path: Path) -> Claim:
     """What a submission says. Raises InputError as `read_submission` does."""
     s = read_submission(path)
-    return Claim(
-        path=path,
-        sha256=s.sha256,
-        title=s.title,
-        tsbench=s.tsbench,
-        edition=s.edition,
-        contract=s.contract,
-        city=s.city,
-        split=s.split,
-        planner=s.planner,
-        device=s.device,
-        arithmetic=s.arithmetic,
-        perception=Perception(level=s.perception),
-        figures=s.figures,
-        episodes=s.episodes,
-    )
+    same = {field.name: getattr(s, field.name) for field in fields(Claim) if field.name not in ("path", "perception")}
+    return Claim(path=path, perception=Perception(level=s.perception), **same)
 
 
 def claims_of(folder: Path) -> list[Claim]:

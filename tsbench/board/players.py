@@ -91,35 +91,19 @@ def show_failures(rows: Sequence[BoardRow], labels: Sequence[str], most: int) ->
     labels: of the submissions. most: failures of each; halves beside them are not counted. Raises InputError for a
     trace that cannot be read, or is not of what was submitted.
     """
-    found, packed = _Table(), Embedded()
+    table, packed = list[tuple[Any, ...]](), Embedded()
     for row, label in zip(rows, labels, strict=True):
         if not row.checked or not traces_beside(row.path).is_dir():
             continue
-        _add(row, label, most, found, packed)
+        _add(row, label, most, table, packed)
     if not packed.rows:
         return PagePlayers({}, 0)
-    return PagePlayers({"episodes": found.packed(), **packed.blobs}, len(packed.rows))
+    values = {column["name"]: rows for column, rows in zip(_COLUMNS, zip(*table, strict=True), strict=True)}
+    return PagePlayers({"episodes": pack_table(_COLUMNS, values), **packed.blobs}, len(packed.rows))
 
 
-class _Table:
-    """Rows of the table that opens the players."""
-
-    def __init__(self) -> None:
-        self._values: dict[str, list[Any]] = {column["name"]: [] for column in _COLUMNS}
-
-    def add(self, label: str, spec: ScenarioSpec, failure: str, told: str) -> int:
-        """A new row; its number."""
-        number = len(self._values["planner"])
-        row = (label, spec.pair_type, spec.half, failure, told, spec.scenario_id, True)
-        for values, value in zip(self._values.values(), row, strict=True):
-            values.append(value)
-        return number
-
-    def packed(self) -> bytes:
-        return pack_table(_COLUMNS, self._values)
-
-
-def _add(row: BoardRow, label: str, most: int, table: _Table, packed: Embedded) -> None:
+def _add(row: BoardRow, label: str, most: int, table: list[tuple[Any, ...]], packed: Embedded) -> None:
+    """table: rows of the table that opens the players."""
     s = row.submission
     data = DataSet.named(s.city)
     specs = {spec.scenario_id: spec for spec in data.table(s.split)}
@@ -138,8 +122,8 @@ def _add(row: BoardRow, label: str, most: int, table: _Table, packed: Embedded) 
             raise InputError(f"{path}: its verdict is {now.verdict}, as submitted {episode.verdict}")
         told = next((str(event["sentence"]) for event in events if event["target"]), "")
         failure = "" if episode.scd else failure_of(episode)
-        number = table.add(label, trace.spec, failure, told)
-        packed.take(number, packer.pack(path, (s.planner.name, episode.scenario_id)), artwork, sys.maxsize)
+        table.append((label, trace.spec.pair_type, trace.spec.half, failure, told, trace.spec.scenario_id, True))
+        packed.take(len(table) - 1, packer.pack(path, (s.planner.name, episode.scenario_id)), artwork, sys.maxsize)
 
 
 def _chosen(

@@ -10,7 +10,7 @@ import re
 import secrets
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -18,7 +18,6 @@ from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, sha256_of, write_json
 from tsbench.core.paths import OWN_CITY
 from tsbench.core.textfile import read_json
-from tsbench.core.typed import read_typed
 from tsbench.make.city import load_city
 from tsbench.make.seeds import secret_sha256, using_secret
 from tsbench.run.edition import contract_now, edition_now
@@ -101,15 +100,6 @@ def commitments(data: DataSet) -> Commitments:
         {split: dict(sorted(counts.items())) for split, counts in rows.items()},
         _files(data.folder),
     )
-
-
-def write_commitments(found: Commitments, path: Path) -> None:
-    write_json(path, asdict(found))
-
-
-def read_commitments(path: Path) -> Commitments:
-    """Raises InputError for what are none."""
-    return read_typed(Commitments, path, "commitments of a sealed data set")
 
 
 def problems(published: Commitments, secret: Path | None) -> list[str]:

@@ -77,7 +77,9 @@ def _data_set(rows: Sequence[BoardRow]) -> dict[str, Any]:
     figures = _parts(rows)
     primary = figures[0] if figures else SIGNED_ONES
     by_level = groupby(sorted(rows, key=lambda row: row.level_rank), key=lambda row: row.level_rank)
-    drawn = [(own[0], _curve(own, rows)) for own in _by_planner(rows)]
+    planners = dict.fromkeys(row.planner_id for row in rows)
+    by_planner = ([row for row in rows if row.planner_id == planner] for planner in planners)
+    drawn = [(own[0], _curve(own, rows)) for own in by_planner]
     return {
         "title": f"{edition}, {split} split",
         "contract": contract,
@@ -119,13 +121,6 @@ def _chart(rows: Sequence[BoardRow], seeds: Sequence[SeedRows]) -> Markup | None
         f"{NAMES[part]} by planner, {first.level} perception",
         {name for name, row in zip(names, rows, strict=True) if row.submission.planner.floor},
     )
-
-
-def _by_planner(rows: Sequence[BoardRow]) -> list[list[BoardRow]]:
-    found: dict[str, list[BoardRow]] = {}
-    for row in rows:
-        found.setdefault(row.planner_id, []).append(row)
-    return list(found.values())
 
 
 def _curve(own: Sequence[BoardRow], rows: Sequence[BoardRow]) -> Markup | None:
@@ -183,7 +178,7 @@ def _parts(rows: Sequence[BoardRow]) -> list[str]:
 def _planner_page(own: Sequence[BoardRow], sets: dict[Compared, list[BoardRow]], players: int) -> str:
     """A planner: all its submissions, its curves, its failures, and what can be watched of them."""
     rows = sorted(own, key=lambda row: (row.refuted, row.data_set, row.level_rank, row.rank_by))
-    labels = _labels(rows)
+    labels = _distinct([f"{row.data_set[0]}, {row.submission.split}, {row.submission.level}" for row in rows], rows)
     shown = show_failures(rows, labels, players)
     drawn = []
     for data_set in dict.fromkeys(row.data_set for row in rows):
@@ -196,11 +191,6 @@ def _planner_page(own: Sequence[BoardRow], sets: dict[Compared, list[BoardRow]],
         curves=drawn, cities=_cities(rows), players=shown.count, types=_types, failures=_failures, short=_short,
         figures=_parts(rows), parts=_parts,
     )  # fmt: skip
-
-
-def _labels(rows: Sequence[BoardRow]) -> list[str]:
-    """Names for submissions of one planner, each another one."""
-    return _distinct([f"{row.data_set[0]}, {row.submission.split}, {row.submission.level}" for row in rows], rows)
 
 
 def _distinct(names: Sequence[str], rows: Sequence[BoardRow]) -> list[str]:

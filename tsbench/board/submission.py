@@ -189,6 +189,8 @@ def read_submission(path: Path) -> Submission:
 
 def _fault_of_submission(found: Submission, data: Mapping[str, Any]) -> str:
     """What in a submission no run can say, "" where nothing is."""
+    # A verification shows a planner the files that it names, and all where it names none.
+    shown = found.isolation is None or found.planner.code_sha256 is None or found.planner.files
     return (
         fault_of_words(data)
         or fault_of_lines({key: value for key, value in data.items() if key not in _LONGEST})
@@ -196,7 +198,7 @@ def _fault_of_submission(found: Submission, data: Mapping[str, Any]) -> str:
         or fault_of_level(found.perception)
         or fault_of_arithmetic(found.arithmetic)
         or fault_of_planner(found.planner)
-        or _fault_of_files(found)
+        or ("" if shown else "the planner was isolated, and none of its files is named")
         or ("" if found.rescored <= len(found.episodes) else "rescored: is no number of its episodes")
         or fault_of_episodes(found.episodes)
     )
@@ -216,12 +218,6 @@ def fault_of_planner(planner: PlannerInfo) -> str:
     """What is wrong with the name of a planner, "" where nothing is."""
     fault = fault_in_name(planner.name)
     return fault and f"the planner's name: {fault}"
-
-
-def _fault_of_files(found: Submission) -> str:
-    """A verification shows a planner the files that it names, and all where it names none."""
-    hidden = found.isolation is not None and found.planner.code_sha256 is not None and not found.planner.files
-    return "the planner was isolated, and none of its files is named" if hidden else ""
 
 
 def fault_of_arithmetic(told: Any) -> str:

@@ -6,7 +6,7 @@ Plates of CommonRoad hold for whole lanelets, so lanes are cut (`pieces`) where 
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -173,14 +173,10 @@ def opposite_lanes(network: RoadNetwork) -> dict[int, int]:
         if back is None:
             continue
         lane, other = (network.lanes[e.lanes[-1]] for e in (edge, back))
-        if _share_a_bound(lane, other, network.to_kerb):
+        ours, theirs = (_inner_bound(one, network.to_kerb) for one in (lane, other))
+        if np.hypot(*(ours - theirs[::-1]).T).max() <= _ONE_LINE_M:
             found[lane.index] = other.index
     return found
-
-
-def _share_a_bound(lane: Lane, other: Lane, kerb: float) -> bool:
-    ours, theirs = (_inner_bound(one, kerb) for one in (lane, other))
-    return bool(np.hypot(*(ours - theirs[::-1]).T).max() <= _ONE_LINE_M)
 
 
 def _inner_bound(lane: Lane, kerb: float) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
@@ -212,12 +208,13 @@ def lanelets(
         beside = {side: (other, "same") for side, other in sides if other in cut}
         if index in against:
             beside["Right" if network.left_hand else "Left"] = (against[index], "opposite")
+        marks = ["no_marking" if lane.internal else "dashed" if other in cut else "solid" for _, other in sides]
         users = [user for vclass, user in _USERS if lane.permits(vclass)]
         for k, piece in enumerate(parts):
             line = lane.line if len(parts) == 1 else lane.line.slice(piece.begins, piece.ends)
             found.append(
                 E.lanelet(
-                    *_bounds(line, lane.width, *(_marking(lane, other, cut) for _, other in sides)),
+                    *_bounds(line, lane.width, *marks),
                     *(E.predecessor(ref=str(other)) for other in before[piece.lanelet]),
                     *(E.successor(ref=str(other)) for other in after[piece.lanelet]),
                     *(
@@ -286,12 +283,6 @@ def _bounds(line: Polyline, width: float, left: str, right: str) -> list[Element
         E(tag, *points(line.beside(d)), E.lineMarking(marking))
         for tag, d, marking in (("leftBound", width / 2, left), ("rightBound", -width / 2, right))
     ]
-
-
-def _marking(lane: Lane, neighbour: int, known: Container[int]) -> str:
-    if lane.internal:
-        return "no_marking"
-    return "dashed" if neighbour in known else "solid"
 
 
 def _lane_type(lane: Lane) -> str:

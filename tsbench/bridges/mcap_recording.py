@@ -52,7 +52,7 @@ from tsbench.roads.lane_graph import LaneGraph
 from tsbench.rules.monitor import Violation
 from tsbench.sim.scene import Scene
 from tsbench.sim.scene_file import EGO_ID
-from tsbench.sim.world import DT_S, EgoState, WorldSnapshot
+from tsbench.sim.world import DT_S, WorldSnapshot
 
 FRAME = "map"
 # Entities of the ground are named as the colours are, but for these.
@@ -181,7 +181,8 @@ def write_recording(trace: Trace, scene: Scene, path: Path) -> None:
         ) as writer,
     ):
         writer.write_metadata("tsbench", _facts(trace, scene))
-        SceneUpdateChannel("/scene", context=context).log(SceneUpdate(entities=_scene(scene)), log_time=0)
+        shapes = (*road_shapes(scene.network, scene), *scene_shapes(scene, LaneGraph(scene.network)))
+        SceneUpdateChannel("/scene", context=context).log(SceneUpdate(entities=entities(shapes)), log_time=0)
         actors = SceneUpdateChannel("/actors", context=context)
         frames = FrameTransformChannel("/tf", context=context)
         egos = Channel("/ego", schema=_EGO_SCHEMA, context=context)
@@ -193,7 +194,9 @@ def write_recording(trace: Trace, scene: Scene, path: Path) -> None:
             update, gone = _actors(snapshot, gone)
             actors.log(update, log_time=now)
             frames.log(_frame(snapshot), log_time=now)
-            egos.log(_ego(snapshot.ego, scene), log_time=now)
+            ego = snapshot.ego
+            own = {name: getattr(ego, name) for name in _EGO_FIELDS}
+            egos.log({**own, "lane": scene.network.lanes[ego.lane].id if ego.lane >= 0 else ""}, log_time=now)
             while events and round(events[0].start_s / DT_S) <= tick:
                 log.log(_message(events.pop(0)), log_time=now)
 
@@ -215,11 +218,6 @@ def _time(seconds: float) -> Timestamp:
     return Timestamp(whole, part)
 
 
-def _scene(scene: Scene) -> list[SceneEntity]:
-    graph = LaneGraph(scene.network)
-    return entities((*road_shapes(scene.network, scene), *scene_shapes(scene, graph)))
-
-
 def _actors(snapshot: WorldSnapshot, before: set[str]) -> tuple[SceneUpdate, set[str]]:
     """The road users of a tick, the removal of those that have left, and those that are there."""
     now, bodies = _time(snapshot.time), tick_shapes(snapshot)
@@ -237,11 +235,6 @@ def _frame(snapshot: WorldSnapshot) -> FrameTransform:
     return FrameTransform(
         timestamp=when, parent_frame_id=FRAME, child_frame_id=EGO_ID, translation=place, rotation=turn
     )
-
-
-def _ego(ego: EgoState, scene: Scene) -> dict[str, Any]:
-    lane = scene.network.lanes[ego.lane].id if ego.lane >= 0 else ""
-    return {**{name: getattr(ego, name) for name in _EGO_FIELDS}, "lane": lane}
 
 
 def _message(event: Violation) -> Log:

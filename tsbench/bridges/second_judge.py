@@ -191,16 +191,8 @@ def cases(run: Path, folder: Path, progress: Callable[[int, int], None]) -> Iter
 
 def table(found: Sequence[Case]) -> str:
     """Markdown: by rule the episodes, who saw what, agreement as published and with our thresholds."""
-    head = (
-        "rule",
-        "episodes",
-        "both: broken",
-        "both: kept",
-        "only theirs",
-        "only ours",
-        "agreement",
-        "with our thresholds",
-    )
+    judged = ("both: broken", "both: kept", "only theirs", "only ours")
+    head = ("rule", "episodes", *judged, "agreement", "with our thresholds")
     lines = [markdown_row(head), markdown_row(["---"] * len(head))]
     for clause, (title, _, _) in RULES.items():
         of = [case for case in found if case.clause == clause]

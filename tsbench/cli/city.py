@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from tsbench.board.seal import build_sealed, commitments, make_secret, problems, read_commitments, write_commitments
+from tsbench.board.seal import Commitments, build_sealed, commitments, make_secret, problems
 from tsbench.cli import options
 from tsbench.cli.console import bars, print_notes, print_table
 from tsbench.core.errors import InputError, TsbenchError
+from tsbench.core.files import write_json
 from tsbench.core.paths import MIRRORED, city_names
+from tsbench.core.typed import read_typed
 from tsbench.make.city import describe_city, fetch_extracts, find_extract, load_city, new_city_file, sources_dir
 from tsbench.make.maps import extracts
 from tsbench.make.maps.extracts import ending_of
@@ -251,7 +254,7 @@ def build_with_secret(data: DataSet, secret: Path, types: tuple[str, ...], osm_d
 def commit(data: DataSet, out: Path) -> None:
     """Write down the hashes of a sealed data set and of its secret: what is published before the scenes are."""
     found = commitments(data)
-    write_commitments(found, out)
+    write_json(out, asdict(found))
     rows = ", ".join(f"{split} {sum(counts.values()):,} rows" for split, counts in found.rows.items())
     click.echo(f"{out}: {found.edition}, {rows}, {len(found.files)} files")
 
@@ -261,7 +264,7 @@ def commit(data: DataSet, out: Path) -> None:
 @click.option(_SECRET, type=options.FILE, help="The secret, once it is published.")
 def check(file: Path, secret: Path | None) -> None:
     """Are the scenes that are here those that were committed to? Exit code 1 where they are not."""
-    published = read_commitments(file)
+    published = read_typed(Commitments, file, "commitments of a sealed data set")
     found = problems(published, secret)
     for line in found:
         click.echo(line)

@@ -18,7 +18,6 @@ import numpy as np
 from tsbench.cli.diagnosis import Diagnosis, Status
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_json
-from tsbench.episode.outcome import EpisodeResult
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.planners.base import Batched, Infer, Records
 from tsbench.planners.registry import resolve
@@ -36,7 +35,6 @@ LEARNED = (*NETWORKS, "ppo-e", "carl-e", "plant2-e")
 PLANNERS = (*RULES, *LEARNED)
 _FOLDER = Path(__file__).parent
 _REFERENCE, _ASKED = "arithmetic.json", "arithmetic.npz"
-_EPISODES = ("test", ("yield", "no_turn_left"))
 _KEPT = 4
 _REMEDY = "docs/footguns.md says what this means"
 
@@ -76,10 +74,13 @@ def check_arithmetic(folder: Path = _FOLDER) -> Iterator[Diagnosis]:
 
 def write_reference(folder: Path = _FOLDER) -> list[Path]:
     """Make this machine's bytes the reference; returns the files written."""
-    scenes = list(_scenes())
+    # The first scene with traffic of each of a few types.
+    rows = [row for row in DataSet().table("test") if row.density > 0]
+    scenes = [next(row for row in rows if row.scenario_type == kind) for kind in ("yield", "no_turn_left")]
     sim, loader = Simulation(), SceneLoader(DataSet())
     asked = {name: _questions(name, scenes, sim, loader) for name in NETWORKS}
-    np.savez_compressed(folder / _ASKED, allow_pickle=False, **{k: _plain(v) for k, v in asked.items()})
+    plain = {name: np.frombuffer(records.tobytes(), dtype=np.uint8) for name, records in asked.items()}
+    np.savez_compressed(folder / _ASKED, allow_pickle=False, **plain)
     planners: dict[str, Any] = {}
     for name in PLANNERS:
         planners[name] = {"answers": answers_hash(name, folder)} if name in NETWORKS else {}
@@ -103,10 +104,7 @@ def answers_hash(name: str, folder: Path = _FOLDER) -> str:
 
 def episode_hash(name: str, spec: ScenarioSpec, sim: Simulation, loader: SceneLoader) -> str:
     """SHA-256 (hex) of an episode: commands, all places at each tick, and the record."""
-    return _digest(EpisodeRunner(resolve(name), simulation=sim, loader=loader).run(spec))
-
-
-def _digest(result: EpisodeResult) -> str:
+    result = EpisodeRunner(resolve(name), simulation=sim, loader=loader).run(spec)
     if result.facts is None:
         raise InputError(f"{result.spec.scenario_id}: {result.planner} has not driven: {result.error}")
     digest = hashlib.sha256(result.commands.tobytes())
@@ -115,14 +113,6 @@ def _digest(result: EpisodeResult) -> str:
         digest.update(np.array([ego.x, ego.y, ego.heading, ego.speed]).tobytes() + shot.actors.pose.tobytes())
     digest.update(json.dumps(make_record(result, privileged=False).row, sort_keys=True).encode())
     return digest.hexdigest()
-
-
-def _scenes() -> Iterator[ScenarioSpec]:
-    """The first scene with traffic of each of a few types."""
-    split, types = _EPISODES
-    rows = DataSet().table(split)
-    for kind in types:
-        yield next(row for row in rows if row.scenario_type == kind and row.density > 0)
 
 
 def _questions(name: str, scenes: list[ScenarioSpec], sim: Simulation, loader: SceneLoader) -> Records:
@@ -136,10 +126,6 @@ def _questions(name: str, scenes: list[ScenarioSpec], sim: Simulation, loader: S
 
     EpisodeRunner(resolve(name).answered_by(lambda: listening), simulation=sim, loader=loader).run(scenes[0])
     return np.concatenate(asked)[:: max(len(asked) // _KEPT, 1)][:_KEPT]
-
-
-def _plain(records: Records) -> np.ndarray[Any, np.dtype[np.uint8]]:
-    return np.frombuffer(records.tobytes(), dtype=np.uint8)
 
 
 def batched(name: str) -> type[Batched]:

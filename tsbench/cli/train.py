@@ -41,7 +41,6 @@ from tsbench.scenarios.store import check_files
 if TYPE_CHECKING:
     from tsbench.learn.imitation.task import ImitationTask
 
-_NOT_NEGATIVE = click.IntRange(min=0)
 _cache_gb = click.option(
     "--cache-gb", default=8.0, show_default=True, type=click.FloatRange(min=0.1), help="Bound of frames on disk."
 )
@@ -77,7 +76,7 @@ def _reinforcement(steps: int, out: str) -> Option:
         ),
         click.option(
             "--imitation",
-            type=_NOT_NEGATIVE,
+            type=click.IntRange(min=0),
             metavar="N",
             help="Rollouts of imitation before that, those of earlier sessions included. Default: the planner's.",
         ),

@@ -135,13 +135,10 @@ def read_rows(path: Path) -> list[Row]:
     return [json.loads(line) for line in lines]
 
 
-def draw_rl(out: Path) -> Path | None:
-    """Ends of the last 200 training episodes and their mean reward over the steps; None before the first row."""
-    rows = read_rows(out / CURVE)
-    if not rows:
-        return None
-    save_chart(lambda: _rl_figure(rows), out / PICTURE)
-    return out / PICTURE
+def draw_rl(out: Path) -> None:
+    """Ends of the last 200 training episodes and their mean reward over the steps; nothing before the first row."""
+    if rows := read_rows(out / CURVE):
+        save_chart(lambda: _rl_figure(rows), out / PICTURE)
 
 
 def _rl_figure(rows: list[Row]) -> Figure:

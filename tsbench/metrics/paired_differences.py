@@ -88,11 +88,6 @@ class Pairs:
     parts: int
 
 
-def _pooled(total: Array, count: Array) -> tuple[Array, Array]:
-    """Both summed over types, (clusters, 1)."""
-    return total.sum(axis=1, keepdims=True), count.sum(axis=1, keepdims=True)
-
-
 def difference(
     bootstrap: ClusterBootstrap, label: str, pairs: Pairs, metric: Metric, macro: bool = False
 ) -> Difference:
@@ -120,7 +115,7 @@ def difference(
         low, high = _flips_interval(sums(np.maximum(delta, 0.0)), sums(np.maximum(-delta, 0.0)), count, macro)
         method, reason = "effective sample size", ""
     else:
-        pooled = (sums(delta), count) if macro else _pooled(sums(delta), count)
+        pooled = (part if macro else part.sum(axis=1, keepdims=True) for part in (sums(delta), count))
         draws = bootstrap.draws(label, *pooled)
         low, high = percentiles(draws)
         method, reason, error = "cluster bootstrap", "", float(draws.std(ddof=1))

@@ -15,7 +15,7 @@ from tsbench.core.errors import InputError
 from tsbench.episode.outcome import Outcome
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.episode_metrics import METRICS
-from tsbench.metrics.scd import CONTRASTED, PAIRED, SCD, SQUARED, scd_of_both
+from tsbench.metrics.scd import CONTRASTED, PAIRED, SCD, SQUARED
 from tsbench.scenarios.spec import CONTRAST, HALVES, SECOND_PAIR, pair_type
 from tsbench.signs.model import GROUPS
 
@@ -74,8 +74,8 @@ class Records:
         return self.take(rows)._with(self.take(self.partner[rows]))
 
     def _with(self, others: Records) -> Records:
-        """Each passed where the other is, too: SCD alone."""
-        scd = scd_of_both(self.values[SCD.column], others.values[SCD.column])
+        """Each passed where the other is, too, and NaN where either has none: SCD alone."""
+        scd = np.minimum(self.values[SCD.column], others.values[SCD.column])
         return replace(self, error=self.error | others.error, values={SCD.column: scd})
 
     def type_groups(self) -> dict[str, str]:

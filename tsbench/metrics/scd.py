@@ -11,10 +11,7 @@ types it is the mean of the types' shares (`tsbench.metrics.breakdown`).
 
 from __future__ import annotations
 
-import numpy as np
-
 from tsbench.episode.outcome import EpisodeFacts, Outcome
-from tsbench.geometry.polyline import Array
 from tsbench.metrics.metric import Metric
 from tsbench.scenarios.spec import CONTRAST, SIGNED
 
@@ -22,11 +19,6 @@ from tsbench.scenarios.spec import CONTRAST, SIGNED
 def is_scd(facts: EpisodeFacts) -> bool:
     """SCD of an episode: arrived, the targets' rules kept, nothing obeyed needlessly, and never the wrong way."""
     return facts.outcome is Outcome.ARRIVED and not facts.verdicts.against
-
-
-def scd_of_both(one: Array, other: Array) -> Array:
-    """(n,) SCD of pairs from that of their halves, of squares from that of their pairs; NaN where either has none."""
-    return np.minimum(one, other)
 
 
 SCD = Metric(

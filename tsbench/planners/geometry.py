@@ -50,7 +50,9 @@ class PathSamples:
         x, y = np.interp(at, line.s, line.points[:, 0]), np.interp(at, line.s, line.points[:, 1])
         dx, dy = np.diff(x), np.diff(y)
         heading = np.unwrap(arctan2(dy, dx))
-        self.curvature: Array = _curvature(heading, n)
+        half = _BEND_WINDOW_M // 2
+        padded = np.concatenate((np.full(half, heading[0]), heading, np.full(half + 1, heading[-1])))
+        self.curvature: Array = np.abs(padded[2 * half : 2 * half + n] - padded[:n]) / (2 * half)
         norm = np.maximum(np.hypot(dx, dy), 1e-9)
         self.x: list[float] = x.tolist()
         self.y: list[float] = y.tolist()
@@ -59,13 +61,6 @@ class PathSamples:
         self.cos.append(self.cos[-1])
         self.sin.append(self.sin[-1])
         self.last = n - 1
-
-
-def _curvature(heading: Array, n: int) -> Array:
-    half = _BEND_WINDOW_M // 2
-    padded = np.concatenate((np.full(half, heading[0]), heading, np.full(half + 1, heading[-1])))
-    bend: Array = np.abs(padded[2 * half : 2 * half + n] - padded[:n]) / (2 * half)
-    return bend
 
 
 def speed_profile(

@@ -10,7 +10,7 @@ from tsbench.planners.base import PlannerContext
 from tsbench.planners.geometry import HALF_LENGTH_M, PathSamples, moving_ahead, obstacle_ahead, speed_at, speed_profile
 from tsbench.planners.observation import Observation, SignView
 from tsbench.roads.lane_graph import RoutePath
-from tsbench.roads.road_map import Crossing, MapLane, RoadMap
+from tsbench.roads.road_map import MapLane, RoadMap
 from tsbench.signs.catalog import load_catalog
 
 _BESIDE_M = 20.0
@@ -107,10 +107,6 @@ def _lane_on(roads: RoadMap, path: RoutePath, edge: str) -> MapLane | None:
 def _near_side(roads: RoadMap, path: RoutePath, sign: SignView) -> float:
     """Where the strip that a plate belongs to begins, along the route; without a strip, the plate's own place."""
     place = path.line.project(sign.x, sign.y)[0]
-    begins = [_begin(path, crossing) for crossing in roads.crossings.values() if sign.edge in crossing.edges]
+    meant = (crossing for crossing in roads.crossings.values() if sign.edge in crossing.edges)
+    begins = [path.line.project(*c.line.point_at(c.line.length / 2))[0] - c.width / 2 for c in meant]
     return min(begins, key=lambda s: abs(s - place), default=place)
-
-
-def _begin(path: RoutePath, crossing: Crossing) -> float:
-    middle = crossing.line.point_at(crossing.line.length / 2)
-    return path.line.project(*middle)[0] - crossing.width / 2

@@ -99,15 +99,14 @@ class LaneChanges:
             lane = self._context.network.lanes[self._target]
             if ego.lane < 0 or abs(ego.d) > _UNDER_WAY_M or gap_free(observation, lane):
                 self._target = -1
-                self._set(self._way_over(ego, route.path), 0.0)
+                self._own, self._s = self._way_over(ego, route.path), 0.0
         elif self._own is None or abs(route.d) < _SAME_M:
             self._own = None
         view = route if self._own is None else self._view(self._own, ego)
         if self._target < 0:
             self._target = self._blocked(observation, view)
             if self._target >= 0:
-                self._set(self._keep(ego), ego.s)
-                assert self._own is not None
+                self._own, self._s = self._keep(ego), ego.s
                 view = self._view(self._own, ego)
         return view, view.path.line.length - _LAST_CHANGE_M if self._target >= 0 else math.inf
 
@@ -123,9 +122,6 @@ class LaneChanges:
             return -1
         beside = roads.inner(here) if there.order > here.order else roads.outer(here)
         return -1 if gap_free(observation, lanes[beside]) else beside
-
-    def _set(self, path: RoutePath | None, s: float) -> None:
-        self._own, self._s = path, s
 
     def _keep(self, ego: EgoState) -> RoutePath:
         """The ego's own lane as a path."""

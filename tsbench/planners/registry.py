@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import cast
+from typing import Any, cast
 
 from tsbench.core.errors import InputError
 from tsbench.planners.base import Batched, Control, Infer, Planner, PlannerContext, Trajectory
@@ -24,6 +24,8 @@ from tsbench.planners.planner_spec import EXPERT, NUPLAN, PlannerSpec, import_at
 GROUP = "tsbench.planners"
 EXPERT_MODULE = "tsbench.planners.experts.expert"
 NUPLAN_MODULE = "tsbench.bridges.nuplan"
+# What a planner's class may say of itself.
+_FLAGS = ("privileged", "sign_access", "chooses_route", "floor", "keeps_process")
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,28 +207,19 @@ def _loaded(spec: str, source: str, attribute: str, known: PlannerEntry | None) 
     return LoadedPlanner(
         name=spec if known else attribute.partition("(")[0],
         factory=factory,
-        privileged=facts.privileged,
-        sign_access=facts.sign_access,
-        chooses_route=facts.chooses_route,
         spec=spec,
         sources=(source, NUPLAN_MODULE) if nuplan else (source,),
         batched=cast("type[Batched]", target) if isinstance(target, type) and isinstance(target, Batched) else None,
         weights=facts.weights,
-        floor=facts.floor,
-        keeps_process=facts.keeps_process,
+        **{name: getattr(facts, name) for name in _FLAGS},
     )
 
 
 def _declared(target: object, place: str) -> PlannerEntry:
     """What a class says of itself, with what is taken for granted where it says nothing."""
-    return PlannerEntry(
-        place,
-        privileged=bool(getattr(target, "privileged", False)),
-        sign_access=bool(getattr(target, "sign_access", True)),
-        chooses_route=bool(getattr(target, "chooses_route", False)),
-        floor=bool(getattr(target, "floor", False)),
-        keeps_process=bool(getattr(target, "keeps_process", False)),
-    )
+    granted = PlannerEntry(place)
+    told: dict[str, Any] = {name: bool(getattr(target, name, getattr(granted, name))) for name in _FLAGS}
+    return replace(granted, **told)
 
 
 def _expert(spec: str, base: LoadedPlanner) -> LoadedPlanner:

@@ -121,7 +121,12 @@ def _content(name: str, folder: Path | None) -> tuple[Path, bytes]:
         content = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}): {_remedy(folder)}") from None
-    _check(content, facts.weights, path, folder)
+    size, sha256 = facts.weights.size, facts.weights.sha256
+    if len(content) != size or hashlib.sha256(content).hexdigest() != sha256:
+        raise InputError(
+            f"{path}: is damaged: {len(content)} bytes, and not the SHA-256 {sha256[:12]} of {size} bytes that it "
+            f"should have: {_remedy(folder, path)}"
+        )
     return path, content
 
 
@@ -134,14 +139,6 @@ def file_of(weights: Weights, folder: Path | None = None) -> Path:
     if not cached.is_file():
         fetch_file(weights.source, weights.size, weights.sha256, cached)
     return cached
-
-
-def _check(content: bytes, weights: Weights, path: Path, folder: Path | None) -> None:
-    if len(content) != weights.size or hashlib.sha256(content).hexdigest() != weights.sha256:
-        raise InputError(
-            f"{path}: is damaged: {len(content)} bytes, and not the SHA-256 {weights.sha256[:12]} of {weights.size} "
-            f"bytes that it should have: {_remedy(folder, path)}"
-        )
 
 
 def _remedy(folder: Path | None, path: Path | None = None) -> str:

@@ -127,10 +127,7 @@ def inline_svg(draw: Callable[[], Figure], name: str, label: str) -> Markup:
     root = etree.fromstring(file.getvalue(), etree.XMLParser(resolve_entities=False, no_network=True))
     for element in root.iter():
         _adapt(element, name)
-    for style in list(root.iter(f"{_SVG}style", f"{_SVG}metadata")):
-        parent = style.getparent()
-        if parent is not None:
-            parent.remove(style)
+    etree.strip_elements(root, f"{_SVG}style", f"{_SVG}metadata")
     root.set("role", "img")
     root.set("aria-label", label)
     return Markup(etree.tostring(root, encoding="unicode", with_tail=False))

@@ -65,7 +65,7 @@ def draw_rows(axes: Any, rows: Sequence[ForestRow], labels: bool = True, head: s
     axes.set_axisbelow(True)
 
 
-def put_counts(axes: Any, texts: Sequence[str], head: str = "", size: int = 7) -> Any:
+def put_counts(axes: Any, texts: Sequence[str], head: str = "", size: int = 7) -> None:
     """What each row rests on, at the right of its axes; head: what that is, above them."""
     right = axes.secondary_yaxis("right")
     right.set_yticks(range(len(texts)), texts)
@@ -74,7 +74,6 @@ def put_counts(axes: Any, texts: Sequence[str], head: str = "", size: int = 7) -
     if head:
         frames = {"xycoords": "axes fraction", "textcoords": "offset points"}
         axes.annotate(head, (1.0, 1.0), (4, 3), **frames, fontsize=size, color=GREY)
-    return right
 
 
 def draw_forest(matched: Matched, path: Path) -> None:
@@ -157,7 +156,7 @@ def published_mark(value: float | None) -> Mark:
 def forest_panels(
     panels: Mapping[str, Sequence[ForestRow]],
     unit: str,
-    span: tuple[float, float] | None,
+    span: tuple[float, float],
     key: Mapping[str, Mark],
     counted: str = "n",
     stacked: bool = False,
@@ -171,11 +170,10 @@ def forest_panels(
         draw_rows(axes[k], rows, labels=stacked or not k, head=counted)
         axes[k].set_title(name, fontsize=9, fontweight="bold", color=colour_of(name))
         axes[k].tick_params(axis="x", labelsize=8)
-        if span is None or span[0] < 0.0:
+        if span[0] < 0.0:
             axes[k].axvline(0.0, color=GREY, linewidth=0.8)
-        if span is not None:
-            margin = 0.03 * (span[1] - span[0])
-            axes[k].set_xlim(span[0] - margin, span[1] + margin)
+        margin = 0.03 * (span[1] - span[0])
+        axes[k].set_xlim(span[0] - margin, span[1] + margin)
     handles = [
         Line2D(
             [],

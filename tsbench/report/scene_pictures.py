@@ -284,9 +284,8 @@ def moment(
     for sign in scene.target_signs:
         if np.hypot(sign.x - ego.x, sign.y - ego.y) <= _PLATE_NEAR_M:
             around.append((sign.x, sign.y))
-    return BirdsEye(trace, scene, PNG_SIZE, np.array(around), follow=False, country=country, under_way=under_way).page(
-        tick
-    )
+    eye = BirdsEye(trace, scene, PNG_SIZE, np.array(around), follow=False, country=country, under_way=under_way)
+    return eye.page(tick)
 
 
 def _tick(trace: Trace, time: float | None) -> int:

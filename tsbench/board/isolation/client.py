@@ -82,7 +82,8 @@ class Leavings:
     def _begin(self) -> None:
         # Found by files and processes that are gone.
         self._numbers = [_next_number(place) for place in self._places]
-        self._numbers += [_last_process()] if self._alone else []
+        # Of the process or thread that was started last; they are counted on, too.
+        self._numbers += [int((_text(Path("/proc/loadavg")).split() or ["0"])[-1])] if self._alone else []
         self._before = self._look()
 
     def _look(self) -> _State:
@@ -149,11 +150,6 @@ def _next_number(place: Path) -> int:
     finally:
         os.close(file)
         path.unlink()
-
-
-def _last_process() -> int:
-    """The number of the process or thread that was started last; they are counted on, too."""
-    return int((_text(Path("/proc/loadavg")).split() or ["0"])[-1])
 
 
 def _io_priority() -> int:

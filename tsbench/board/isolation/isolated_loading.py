@@ -125,14 +125,8 @@ def load(planner: PlannerInfo, hidden: Sequence[str] = (), *, alone: bool = Fals
             keeps=planner.may_remember,
         )
 
-    return LoadedPlanner(
-        name=planner.name,
-        privileged=planner.privileged,
-        sign_access=planner.sign_access,
-        floor=planner.floor,
-        spec=planner.spec,
-        factory=made,
-    )
+    same = {field: getattr(planner, field) for field in ("name", "privileged", "sign_access", "floor", "spec")}
+    return LoadedPlanner(**same, factory=made)
 
 
 def load_alone(planner: PlannerInfo, hidden: Sequence[str] = ()) -> LoadedPlanner:

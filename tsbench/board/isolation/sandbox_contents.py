@@ -143,7 +143,11 @@ class PlannerFiles:
         try:
             for place in source_places(spec):
                 if is_of_tsbench(place):
-                    _check_public(spec, place)
+                    if os.geteuid() == 0 and not is_public(place):
+                        raise InputError(
+                            f"planner {spec!r}: only its owner may read {place}, and nobody is root in a sandbox: "
+                            f"chmod -R go+rX {place}"
+                        )
                 elif place.is_dir() and not _is_shared(place):
                     copy = self._new_place(place.name)
                     self.binds.append((copy, place))
@@ -181,14 +185,6 @@ class PlannerFiles:
     def remove(self) -> None:
         """Remove the copies; nothing happens the second time."""
         self._folder.remove()
-
-
-def _check_public(spec: str, place: Path) -> None:
-    if os.geteuid() == 0 and not is_public(place):
-        raise InputError(
-            f"planner {spec!r}: only its owner may read {place}, and nobody is root in a sandbox: "
-            f"chmod -R go+rX {place}"
-        )
 
 
 def _bounded(spec: str, place: Path, paths: Iterable[Path], only: Collection[str] | None) -> list[tuple[str, Path]]:

@@ -32,19 +32,14 @@ _DEFAULTS: dict[str, dict[str, object]] = {
 }
 
 
-def _register(name: str, types: str | None) -> None:
-    for version, defaults in _DEFAULTS.items():
-        versioned = name.replace("-v1", f"-{version}")
-        if versioned not in gymnasium.registry:
+for _name, _types in {DRIVE: None, **GROUPS}.items():
+    for _version, _defaults in _DEFAULTS.items():
+        _versioned = _name.replace("-v1", f"-{_version}")
+        if _versioned not in gymnasium.registry:
             gymnasium.register(
-                versioned,
+                _versioned,
                 entry_point="tsbench.learn.envs.drive_env:DriveEnv",
                 vector_entry_point="tsbench.learn.envs.drive_env:drive_in_processes",
                 max_episode_steps=MAX_STEPS,
-                kwargs={"types": types, **defaults},
+                kwargs={"types": _types, **_defaults},
             )
-
-
-_register(DRIVE, None)
-for _name, _group in GROUPS.items():
-    _register(_name, _group)

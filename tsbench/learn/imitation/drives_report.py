@@ -38,13 +38,6 @@ _CAMERA = Camera(-_SIDE_M, at.PATCH_AHEAD_M, _PX_PER_M, _WIDTH, _HEIGHT)
 _LINE_M, _DOT_M, _LETTER_PX = 0.2, 0.35, 11
 
 
-def draw_frames(frames: Sequence[at.Record], types: Sequence[ScenarioType], vocabulary: Vocabulary) -> Image:
-    """One panel a frame: patch, objects, plates, route (green), ways on (violet, dashed), and what is to be answered:
-    path (orange) and waypoints (blue).
-    """
-    return sheet([(_title(frame, types, vocabulary), _panel(frame, vocabulary)) for frame in frames], _COLUMNS)
-
-
 def _title(frame: at.Record, types: Sequence[ScenarioType], vocabulary: Vocabulary) -> str:
     own, other = (vocabulary.codes[k - 1] if k else "–" for k in frame["held_classes"].tolist())
     return (
@@ -55,6 +48,9 @@ def _title(frame: at.Record, types: Sequence[ScenarioType], vocabulary: Vocabula
 
 
 def _panel(frame: at.Record, vocabulary: Vocabulary) -> Image:
+    """Patch, objects, plates, route (green), ways on (violet, dashed), and what is to be answered: path (orange) and
+    waypoints (blue).
+    """
     image = _ground(frame["patch"])
     paint(image, _CAMERA, (*_bodies(frame), *_answers(frame)))
     for code, features in zip(frame["sign_classes"].tolist(), frame["signs"].tolist(), strict=True):
@@ -167,7 +163,9 @@ def report(
         chosen = _of_group(np.concatenate(candidates), kinds)
         if len(chosen):
             paths.append(out / f"frames-{group}.png")
-            save_png(paths[-1], draw_frames(chosen, types, source.vocabulary))
+            words = source.vocabulary
+            panels = [(_title(frame, types, words), _panel(frame, words)) for frame in chosen]
+            save_png(paths[-1], sheet(panels, _COLUMNS))
     return paths
 
 

@@ -33,7 +33,6 @@ _VALIDATION_SHARE = 12
 _MORE = 3
 # Takeovers are drawn from this many ticks on, up to so many: from the start to a little behind most signs' lines.
 _TAKEOVER_TICKS = (5, 120)
-_PART = "train"
 # Whose weights can be measured, by name.
 MEASURED: Mapping[str, type[Plant2]] = {kind.weights: kind for kind in (Plant2, Plant2Ft, Plant2Blind)}
 
@@ -233,7 +232,7 @@ def _recorded(rows: Sequence[ScenarioSpec], recipe: FineTuning) -> list[EpisodeD
     # Places in the table first: only the drives that are asked for are kept.
     by_scenario: dict[str, list[int]] = {}
     for place, recorded in enumerate(stream_trajectories(recipe.trajectories)):
-        if recorded.scenario_id in known and recorded.part == _PART and recorded.rank:
+        if recorded.scenario_id in known and recorded.part == "train" and recorded.rank:
             by_scenario.setdefault(recorded.scenario_id, []).append(place)
     chosen = [row for row in rows if row.scenario_id in by_scenario and not kept_for_validation(row)]
     if not chosen:

@@ -38,7 +38,12 @@ from tsbench.sim.world import DT_S
 # The tables of `scene`, by the name that follows `observation.`.
 _TABLES = [f"{name}{mask}" for name in ("plates", "lanes", "actors", "obstacles") for mask in ("", "_mask")]
 SEEN = {"state": "ego", "route": "route", **{name: name for name in _TABLES}}
-REWARDS = ("progress", "violation", "needless", "end")
+REWARDS = {
+    "progress": "share of the way that the tick brought, times soft penalties",
+    "violation": "minus the number of violations that began in the tick",
+    "needless": "minus the number of acts of needless obedience that began in the tick",
+    "end": "-1 at a collision, beside the road and out of time, else 0",
+}
 
 
 def shapes(seen: SceneSeen) -> dict[str, tuple[int, ...]]:
@@ -141,12 +146,6 @@ _SEEN = {
     "obstacles": "obstacles in sight: place, heading, size",
     "obstacles_mask": "1 where a row of `obstacles` is one",
 }
-_REWARDS = {
-    "progress": "share of the way that the tick brought, times soft penalties",
-    "violation": "minus the number of violations that began in the tick",
-    "needless": "minus the number of acts of needless obedience that began in the tick",
-    "end": "-1 at a collision, beside the road and out of time, else 0",
-}
 
 
 class Card:
@@ -197,8 +196,7 @@ class Card:
             shape = of[f"observation.{name}"]
             yield f"`observation.{name}`", " x ".join(map(str, shape)), what
         yield ("`action`", "2", "acceleration (m/s²) and steering (rad, left positive) that were driven in the tick")
-        for name in REWARDS:
-            yield f"`reward.{name}`", "1", _REWARDS[name]
+        yield from ((f"`reward.{name}`", "1", what) for name, what in REWARDS.items())
         yield "`timestamp`, `done`", "1", "s since the episode began; the drive's last tick"
         yield ("`scenario_id`, `planner`, `part`", "1", "which drive, whose, and whether for training or validation")
         yield ("`type`, `sign`, `half`", "1", "of the scene: its type, its sign's code, and which half of a pair")

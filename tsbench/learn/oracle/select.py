@@ -145,10 +145,8 @@ def _best(tries: Iterable[Row]) -> dict[str, list[tuple[Candidate, float]]]:
     found: dict[str, list[Candidate]] = defaultdict(list)
     for row in tries:
         if row["scd"]:
-            comfort = row["comfort"] or 0.0
-            found[row["scenario_id"]].append(
-                Candidate(row["planner"], row["kind"] == RULES, row["steps"], comfort, row)
-            )
+            one = Candidate(row["planner"], row["kind"] == RULES, row["steps"], row["comfort"] or 0.0, row)
+            found[row["scenario_id"]].append(one)
     return {scenario: rank(candidates) for scenario, candidates in sorted(found.items())}
 
 

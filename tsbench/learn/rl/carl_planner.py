@@ -133,8 +133,9 @@ class RasterEncoder:
         ego = o.ego
         c, s = math.cos(ego.heading), math.sin(ego.heading)
         out = self._blank.copy()
-        turned = self._warp(self._image(o.route.path), ego.x, ego.y, c, s)
-        out[list(_STATIC)] = turned
+        px, py = (ego.x - self._ground.low[0]) * PX_PER_M, (ego.y - self._ground.low[1]) * PX_PER_M
+        to_world = np.array([[s, -c, px + c * _ROW - s * _COLUMN], [-c, -s, py + s * _ROW + c * _COLUMN]])
+        out[list(_STATIC)] = cut(self._image(o.route.path), to_world, len(_STATIC), PIXELS, PIXELS)
         kinds, speeds = o.actors.kind.tolist(), o.actors.speed.tolist()
         for box, kind, speed in zip(o.actors.boxes, kinds, speeds, strict=True):
             if abs(box[0] - ego.x) + abs(box[1] - ego.y) > 2.0 * _SIGHT_M:
@@ -153,11 +154,6 @@ class RasterEncoder:
             box = (thing.x, thing.y, thing.heading, thing.length, thing.width)
             cv2.fillConvexPoly(out[OTHERS], _corners(box, ego.x, ego.y, c, s), _FIXED, shift=_SHIFT)
         return out
-
-    def _warp(self, image: Packed, x: float, y: float, c: float, s: float) -> Raster:
-        px, py = (x - self._ground.low[0]) * PX_PER_M, (y - self._ground.low[1]) * PX_PER_M
-        to_world = np.array([[s, -c, px + c * _ROW - s * _COLUMN], [-c, -s, py + s * _ROW + c * _COLUMN]])
-        return cut(image, to_world, len(_STATIC), PIXELS, PIXELS)
 
 
 def _corners(box: Box, x: float, y: float, c: float, s: float) -> npt.NDArray[np.int32]:

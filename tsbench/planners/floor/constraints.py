@@ -225,7 +225,9 @@ class Polite(RuleConstraint):
             most = min(most, slow_to(v, _SLOWEST * limit, to_go - _DECIDE_M, _BRAKE_MPS2))
         full_stop = bool(self._approach) and not self._stopped
         too_late = to_go < _DECIDE_M or v * v > 2.0 * _HARD_MPS2 * to_go
-        if full_stop or (too_late and self._blocked(observation)):
+        # Does anybody come, or set foot on the road?
+        blocked = self._vehicles if self._approach else self._people
+        if full_stop or (too_late and blocked(observation)):
             most = min(most, slow_to(v, 0.0, to_go - _HOLD_M, _BRAKE_MPS2 if full_stop else _HARD_MPS2))
         return -math.inf, most
 
@@ -240,10 +242,6 @@ class Polite(RuleConstraint):
                 middle = crossing.line.point_at(0.5 * crossing.line.length)
                 places.append(path.line.project(*middle)[0] - 0.5 * crossing.width)
         return min(places, default=-math.inf)
-
-    def _blocked(self, observation: Observation) -> bool:
-        """Does anybody come, or set foot on the road?"""
-        return self._vehicles(observation) if self._approach else self._people(observation)
 
     def _vehicles(self, observation: Observation) -> bool:
         actors, lanes = observation.actors, self._map.lanes

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -131,8 +132,6 @@ class Analysis:
 
 
 DASH = "–"
-# Two lines in a cell: the value, below it the ends of its interval.
-_BREAK = "\n"
 # Texts are folded where there is no room, but not to less than this.
 _LEAST = 8
 # Between columns: padding, and the box's own blank.
@@ -141,18 +140,14 @@ _GAP = _PAD + 1
 
 
 def print_analysis(analysis: Analysis, console: Console) -> None:
-    console.print(Text(analysis.title, style="bold yellow" if is_partial(analysis) else "bold"))
+    partial = analysis.title.startswith(("PARTIAL", "FORCED"))
+    console.print(Text(analysis.title, style="bold yellow" if partial else "bold"))
     for block in _printed_blocks(analysis.table, console.width):
         console.print(_rich(analysis.table, block, console.width))
     for line in (*analysis.notes, analysis.contract_line):
         if line:
             # A hash is copied, so it stays whole.
             console.print(Text(line, style="dim"), soft_wrap="contract " in line)
-
-
-def is_partial(analysis: Analysis) -> bool:
-    """Does the title say that records are missing, or that what was compared should not be?"""
-    return analysis.title.startswith(("PARTIAL", "FORCED"))
 
 
 def lines_of(column: Column, cell: Cell) -> tuple[str, ...]:
@@ -222,7 +217,7 @@ def _rich(table: Table, block: tuple[int, ...], width: int) -> RichTable:
     for row in table.rows:
         if row.starts and shown.row_count:
             shown.add_section()
-        cells = (Text(_BREAK.join(lines_of(table.columns[k], row.cells[k]))) for k in block)
+        cells = (Text("\n".join(lines_of(table.columns[k], row.cells[k]))) for k in block)
         shown.add_row(*cells, style="dim" if row.faint else None)
     return shown
 
@@ -344,25 +339,18 @@ def write_analysis(analysis: Analysis, folder: Path) -> list[Path]:
 def to_csv(analysis: Analysis) -> str:
     """One line per row. A value takes four columns: itself, `_low`, `_high`, `_n`; title and contract in each line."""
     columns, scored = analysis.table.columns, bool(analysis.contract)
-    lines = [[*(head for column in columns for head in _csv_heads(column)), "title", *["contract"] * scored]]
+    heads = [(c.key, *(f"{c.key}_{part}" for part in ("low", "high", "n") if c.kind is Kind.VALUE)) for c in columns]
+    lines = [[*chain.from_iterable(heads), "title", *["contract"] * scored]]
     for row in analysis.table.rows:
         cells = [part for column, cell in zip(columns, row.cells, strict=True) for part in _csv_parts(column, cell)]
         lines.append([*cells, analysis.title, *[analysis.contract] * scored])
     return csv_text(lines)
 
 
-def _csv_heads(column: Column) -> Iterator[str]:
-    yield column.key
-    if column.kind is Kind.VALUE:
-        yield from (f"{column.key}_{part}" for part in ("low", "high", "n"))
-
-
 def _csv_parts(column: Column, cell: Cell) -> Iterator[str]:
-    if column.kind is not Kind.VALUE:
-        yield _plain(cell)
-        return
     value = cell if isinstance(cell, Value) else Value(None)
-    yield from (_plain(part) for part in (value.value, value.low, value.high, value.n))
+    parts = (value.value, value.low, value.high, value.n) if column.kind is Kind.VALUE else (cell,)
+    return map(_plain, parts)
 
 
 def _plain(cell: Cell) -> str:

@@ -142,11 +142,6 @@ def scd_beside(p: PlannerSummary, panel: str, contract: str) -> float | None:
     return published_scd(p.planner, panel) if is_whole(p, panel, contract) else None
 
 
-def metric_beside(p: PlannerSummary, metric: str, contract: str) -> float | None:
-    """The published figure of a conventional metric, likewise."""
-    return published_metric(p.planner, metric) if is_whole(p, ALL, contract) else None
-
-
 def published_scd(planner: str, panel: str) -> float | None:
     """The published SCD (%) of a group or of all types; None if it is not published."""
     return published().get(planner, {}).get("scd_overall" if panel == ALL else f"scd_{panel}")

@@ -151,7 +151,8 @@ def _splits(pool: RunPool, planner: str) -> Iterator[tuple[Key, Split]]:
                 continue
             classes = _classes(records)
             if half == CONTRAST:
-                classes |= _needless(pool, planner, records)
+                broken = [pool.needless.get((planner, scenario), frozenset()) for scenario in records.scenarios]
+                classes |= {c: np.array([c in clauses for clauses in broken]) for c in NEEDLESS.clauses.split()}
             elif causes:
                 classes |= {f"told_{c}": np.array([causes.get(s) == c for s in records.scenarios]) for c in CAUSES}
             for reading, inside in ((STRICT, use), (COMPLETED, use & ~records.error)):
@@ -180,11 +181,6 @@ def _classes(records: Records) -> dict[str, Mask]:
     for name, kept in (("complied", complied), ("violated", violated)):
         classes |= {f"{name}_{end.value}": kept & (outcomes == end.value) for end in _ENDINGS}
     return classes
-
-
-def _needless(pool: RunPool, planner: str, records: Records) -> dict[str, Mask]:
-    broken = [pool.needless.get((planner, scenario), frozenset()) for scenario in records.scenarios]
-    return {clause: np.array([clause in found for found in broken]) for clause in NEEDLESS.clauses.split()}
 
 
 def _split(bootstrap: ClusterBootstrap, label: str, records: Records, use: Mask, classes: Mapping[str, Mask]) -> Split:

@@ -21,8 +21,6 @@ from tsbench.report.forest import put_counts
 from tsbench.signs.model import GROUPS
 
 PUBLISHED_DRIVES, PUBLISHED_SCENARIOS = 36_828, 23_200
-_PUBLISHED_PARTS = "29,462 to train, 7,366 to validate on"
-_EVERYBODY = "all experts"
 # Experts of the IDM kind in blues, from the plain one to the fast style; those with networks in Okabe and Ito's.
 _BLUES = ("#08306b", "#2171b5", "#4f9bd0", "#8fc1e3", "#c9dff0")
 _OTHERS = ("#d55e00", "#009e73", "#cc79a7", "#e69f00", "#808080")
@@ -68,7 +66,7 @@ def composition(drives: Sequence[RankedDrive], scenarios: Mapping[str, int], spl
         "Of each scenario the best two successful drives by speed and comfort; of the experts without a network only "
         "the fastest. Coverage and drives per scenario are over all scenarios of the split",
         f"By part: {', '.join(f'{count:,} {part}' for part, count in sorted(parts.items())) or 'none'}. "
-        f"Published: {_PUBLISHED_PARTS}, of its own scenarios and experts",
+        "Published: 29,462 to train, 7,366 to validate on, of its own scenarios and experts",
     )
     title = f"Composition of the oracle: {len(drives):,} drives, {split} split ({_size(scenarios, ALL):,} scenarios)"
     table = Table(columns, tuple(rows), 2)
@@ -95,7 +93,7 @@ def _block(group: str, drives: Sequence[RankedDrive], size: int) -> tuple[Cell, 
     covered = _covered(drives)
     share, mean = 100.0 * covered / size, len(drives) / size
     whole = 100.0 if drives else None
-    return group, _EVERYBODY, len(drives), whole, covered, _hours(drives), size, covered, share, mean
+    return group, "all experts", len(drives), whole, covered, _hours(drives), size, covered, share, mean
 
 
 def _line(group: str, planner: str, drives: Sequence[RankedDrive]) -> tuple[Cell, ...]:
@@ -105,15 +103,11 @@ def _line(group: str, planner: str, drives: Sequence[RankedDrive]) -> tuple[Cell
     return group, planner, len(own), share, first, _hours(own), None, None, None, None
 
 
-def _colours(planners: Sequence[str]) -> dict[str, str]:
-    """The same colour for the same expert in all figures."""
-    known = in_published_order({*planners, *(name for name in published() if name.endswith("-e"))})
-    blues, others = cycle(_BLUES), cycle(_OTHERS)
-    return {name: next(blues if name.startswith("idm") else others) for name in known}
-
-
 def _draw(drives: Sequence[RankedDrive], scenarios: Mapping[str, int], planners: Sequence[str], title: str) -> Figure:
-    groups, colours = _groups(scenarios), _colours(planners)
+    groups, blues, others = _groups(scenarios), cycle(_BLUES), cycle(_OTHERS)
+    # The same colour for the same expert in all figures.
+    known = in_published_order({*planners, *(name for name in published() if name.endswith("-e"))})
+    colours = {name: next(blues if name.startswith("idm") else others) for name in known}
     own = {group: [d for d in drives if group in (ALL, d.group)] for group in groups}
     figure = Figure(figsize=(9.0, 1.6 + 0.5 * len(groups)), layout="constrained")
     axes = figure.subplots()

@@ -34,7 +34,6 @@ from tsbench.report.analyses.analysis import markdown_row
 from tsbench.signs.model import GROUPS
 
 _BLOCK = re.compile(r"<!-- analysis (\S+)((?: \| [^|>]+?)*) -->\n(.*?)<!-- end -->", re.DOTALL)
-_OPENED = re.compile(r"<!-- analysis ")
 _FIGURE = re.compile(r"<!-- figure (\S+) -->\n!\[[^\]]*\]\(([^)]+)\)")
 _CONTRACT = re.compile(r"Contract `[0-9a-f]+`")
 _BESIDE = ("n", "figure")
@@ -44,13 +43,11 @@ _VALUE = re.compile(r"(\S+) \((\S+)(?:–| to )(\S+)\)")
 _INTERVAL = re.compile(r" \([^()]*\)$")
 
 
-def _metrics() -> Rows:
-    return [("column", "meaning"), *((f"`{metric.column}`", metric.meaning) for metric in EPISODE_METRICS)]
-
-
 Rows = Sequence[Sequence[str]]
 # Tables that the code declares; the first row is the heads.
-DECLARED: Mapping[str, Callable[[], Rows]] = MappingProxyType({"metrics": _metrics})
+DECLARED: Mapping[str, Callable[[], Rows]] = MappingProxyType(
+    {"metrics": lambda: [("column", "meaning"), *((f"`{one.column}`", one.meaning) for one in EPISODE_METRICS)]}
+)
 
 
 def refresh(page: Path, folder: Path, declared: Mapping[str, Callable[[], Rows]] = DECLARED) -> list[Path]:
@@ -62,7 +59,7 @@ def refresh(page: Path, folder: Path, declared: Mapping[str, Callable[[], Rows]]
     blocks = _BLOCK.findall(text)
     if not blocks and not _FIGURE.search(text):
         raise InputError(f"{page}: no page that asks for analyses (<!-- analysis NAME --> … <!-- end -->)")
-    if len(blocks) != len(_OPENED.findall(text)):
+    if len(blocks) != text.count("<!-- analysis "):
         raise InputError(f"{page}: an <!-- analysis … --> has no <!-- end -->, or options that cannot be read")
 
     tables: dict[Path, str] = {}

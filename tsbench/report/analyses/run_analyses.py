@@ -24,12 +24,13 @@ from tsbench.report.analyses.columns import (
     INTERVAL_NOTE,
     NOTE,
     READINGS_NOTE,
-    metric_beside,
+    is_whole,
     panels_of,
     pick,
     present_panels,
     present_parts,
     present_types,
+    published_metric,
     readings,
     scd_beside,
     scd_columns,
@@ -42,9 +43,6 @@ from tsbench.scenarios.data_set import DataSet
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-
-_HALF = 50.0
 
 
 def per_type(planners: Sequence[PlannerSummary], title: str, contract: str, edition: str) -> Analysis:
@@ -109,7 +107,7 @@ def _draw(planners: Sequence[PlannerSummary], title: str, edition: str) -> Figur
     shade = [[found.get((y, x), float("nan")) for x in range(len(planners))] for y in range(len(kinds))]
     image = axes.imshow(shade, cmap="cividis", vmin=0.0, vmax=100.0, aspect="auto")
     for (y, x), value in found.items():
-        colour = "black" if value > _HALF else "white"
+        colour = "black" if value > 50.0 else "white"
         axes.text(x, y, f"{value:.0f}", ha="center", va="center", fontsize=7, color=colour)
     axes.set_xticks(range(len(planners)), [p.label for p in planners], rotation=45, ha="right")
     counts = [sorted({e.n for p in planners if (e := pick(_figure(p, primary, kind), STRICT))}) for kind, _ in kinds]
@@ -182,7 +180,8 @@ def _rows(p: PlannerSummary, shown: Sequence[tuple[str, str]], beside: str) -> I
         yield Row((p.label, reading, n, *cells), starts=first, faint=not first)
     # What the reference published is over signed scenes.
     told = [scd_beside(p, panel, beside) if part == SIGNED_ONES else None for part, panel in shown]
-    told += [metric_beside(p, name, beside) for name in _METRICS]
+    whole = is_whole(p, ALL, beside)
+    told += [published_metric(p.planner, name) if whole else None for name in _METRICS]
     if any(number is not None for number in told):
         cells = [None if number is None else Value(number) for number in told]
         yield Row((p.label, PUBLISHED, None, *cells), faint=True)
@@ -239,18 +238,13 @@ def campaign_table(name: str, runs: Mapping[str, Summary]) -> Analysis:
 
 def _block(planners: list[PlannerSummary], parts: Sequence[str], over: str, name: str) -> Iterator[Row]:
     for k, p in enumerate(planners):
-        found = [pick(_figures(p, part, over).get(name), STRICT) for part in parts]
+        figures = [_figure(p, part, name) if over == "type" else panels_of(p, part).get(name) for part in parts]
+        found = [pick(figure, STRICT) for figure in figures]
         main = next((e for e in found if e is not None), None)
         cells: list[Cell] = [Value.of(e) for e in found]
         if main is not None:
             places = with_rings(str(main.clusters), name, p.placed)
             yield Row((over, name, p.label, *cells, main.n, places), starts=not k, faint=p.floor)
-
-
-def _figures(p: PlannerSummary, part: str, over: str) -> Mapping[str, StrictAndCompleted[Estimate]]:
-    if over == "type":
-        return p.scores[part].types if part in p.scores else {}
-    return panels_of(p, part)
 
 
 def _later(module: str, name: str) -> Callable[..., Analysis]:

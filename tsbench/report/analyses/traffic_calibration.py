@@ -54,15 +54,8 @@ def calibration(fits: Sequence[Fit], split: str | None) -> Analysis:
         "KS: Kolmogorov-Smirnov distance between the scenarios' values and nuPlan's published quantiles, whose CDF is "
         "taken as linear between them; nothing is compared beyond the outermost",
     )
-    return Analysis(
-        "calibration",
-        title,
-        "",
-        Table(columns, rows, 1),
-        notes,
-        partial(_draw, fits, title),
-        partial(_draw, fits, title, stacked=True),
-    )
+    draw = partial(_draw, fits, title)
+    return Analysis("calibration", title, "", Table(columns, rows, 1), notes, draw, partial(draw, stacked=True))
 
 
 def _draw(fits: Sequence[Fit], title: str, stacked: bool = False) -> Figure:

@@ -112,7 +112,8 @@ class BirdsEye:
         self._track = np.array([(s.ego.x, s.ego.y) for s in trace.snapshots])
         bounds = (FOLLOW_PX_PER_M if follow else WHOLE_SCENE_PX_PER_M / 2, LARGEST_PX_PER_M)
         self._still = camera_over(around, size.width, size.view_height, _MARGIN_M, bounds)
-        self._follow = follow and not _shows(self._still, around)
+        px = self._still.px(around)
+        self._follow = follow and not ((px >= 0) & (px <= (self._still.width, self._still.height))).all()
         self._ground_camera = self._over_track() if self._follow else self._still
         camera = self._ground_camera
         self.ground: Image = np.full((camera.height, camera.width, 3), STYLE.ground, dtype=np.uint8)
@@ -148,14 +149,11 @@ class BirdsEye:
         parts = episode_subtitle(trace, artwork).split(" · ")
         # A narrow page has room for the scenario and its sign.
         subtitle = " · ".join(parts[:2] if self.size.compact else parts)
-        signs, kinds = self.scene.target_signs, self._kinds()
-        return Hud(self.size, episode_title(trace), subtitle, signs, artwork, shares, kinds)
-
-    def _kinds(self) -> frozenset[str]:
-        """What there is to be seen, for the legend."""
-        table = self.trace.snapshots[-1].actors.table
-        found = {body_kind(table, row) for row in range(len(table.ids))}
-        return frozenset(found | ({"plan"} if any(plan is not None for plan in self.trace.plans) else set()))
+        # What there is to be seen, for the legend.
+        table = trace.snapshots[-1].actors.table
+        kinds = {body_kind(table, row) for row in range(len(table.ids))}
+        kinds |= {"plan" for plan in trace.plans if plan is not None}
+        return Hud(self.size, episode_title(trace), subtitle, self.scene.target_signs, artwork, shares, kinds)
 
     def page(self, tick: int, out: Image | None = None) -> Image:
         """The page of one tick, (height, width, 3) RGB. Ticks must not run backwards: the trail only grows.
@@ -164,7 +162,10 @@ class BirdsEye:
         """
         page = np.empty((self.size.height, self.size.width, 3), dtype=np.uint8) if out is None else out
         self._mark(self.trace.snapshots[tick].time)
-        self._trail(tick)
+        if tick > self._trailed:
+            points = self._ground_camera.fixed(self._track[self._trailed : tick + 1])
+            cv2.polylines(self.ground, [points], False, STYLE.trail, 2, cv2.LINE_AA, SHIFT)
+            self._trailed = tick
         top, size = self.size.header_px, self.size
         self._draw_view(page[top : top + size.view_height], tick)
         if self._strip is not None:
@@ -238,12 +239,6 @@ class BirdsEye:
         if plan is not None and len(plan) > 1:
             cv2.polylines(view, [camera.fixed(plan)], False, STYLE.plan, 2, cv2.LINE_AA, SHIFT)
 
-    def _trail(self, tick: int) -> None:
-        if tick > self._trailed:
-            points = self._ground_camera.fixed(self._track[self._trailed : tick + 1])
-            cv2.polylines(self.ground, [points], False, STYLE.trail, 2, cv2.LINE_AA, SHIFT)
-            self._trailed = tick
-
     def _mark(self, time: float) -> None:
         events = self.trace.against
         while self._marked < len(events) and events[self._marked].start_s <= time + 1e-6:
@@ -285,8 +280,3 @@ def mark_violation(image: Image, camera: Camera, event: Violation) -> None:
         arm = np.array((round(radius * 0.35), round(radius * 0.35) * sign))
         ends = [(centre - arm).tolist(), (centre + arm).tolist()]
         cv2.line(image, ends[0], ends[1], STYLE.violation, 2, cv2.LINE_AA, SHIFT)
-
-
-def _shows(camera: Camera, points: Array) -> bool:
-    px = camera.px(points)
-    return bool(np.all((px >= 0) & (px <= (camera.width, camera.height))))

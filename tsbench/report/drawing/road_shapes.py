@@ -254,13 +254,13 @@ def _turns(network: RoadNetwork, lane: Lane) -> set[str]:
         return set()
     turns = {_LEANS.get(c.direction, c.direction) for c in network.outgoing[lane.index]}
     turns &= {*_WAYS_M, *_MIRRORED}
-    forks = len({c.direction for i in _beside(network, lane) for c in network.outgoing[i]} - _BACK) > 1
+    forks = len({c.direction for i in network.edges[lane.edge].lanes for c in network.outgoing[i]} - _BACK) > 1
     return turns if forks and turns - _BACK else set()
 
 
 def _merges(network: RoadNetwork, lane: Lane) -> str:
     """The side, m left or M right, to which a lane is left that ends beside lanes that lead on; "" of another."""
-    others = [network.lanes[i] for i in _beside(network, lane) if network.outgoing[i]]
+    others = [network.lanes[i] for i in network.edges[lane.edge].lanes if network.outgoing[i]]
     if network.outgoing[lane.index] or not others:
         return ""
     nearest = min(others, key=lambda other: abs(other.order - lane.order))
@@ -285,10 +285,6 @@ def _one_way_arrows(network: RoadNetwork, lane: Lane) -> Iterator[Area | Line]:
         count, way = max(round(length / _APART_M), 1), _merges(network, lane) or "s"
         for k in range(count):
             yield from _arrow(lane, (k + 0.5) * length / count + 0.5 * _LENGTH_M - _POINT_M, {way})
-
-
-def _beside(network: RoadNetwork, lane: Lane) -> tuple[int, ...]:
-    return network.edges[lane.edge].lanes
 
 
 def _arrow(lane: Lane, front: float, turns: set[str]) -> Iterator[Area | Line]:

@@ -291,11 +291,6 @@ _WAY_APART_M = 0.4
 _RING_M = ((1.5, "marking"), (1.1, "destination"), (0.5, "marking"))
 
 
-def zone_shapes(scene: Scene) -> Iterator[Shape]:
-    for zone in rule_zones(scene):
-        yield Area("plate_line", zone, 0.22)
-
-
 def way_shapes(scene: Scene, graph: LaneGraph) -> Iterator[Line]:
     """The obedient way, where it is another one than navigation's, and navigation's."""
     ways = [("route", scene.route_hint, _WAY_APART_M if scene.compliant_hint else 0.0)]
@@ -346,7 +341,7 @@ def start_shapes(scene: Scene) -> Iterator[Body]:
 
 def scene_shapes(scene: Scene, graph: LaneGraph, start: bool = False) -> Iterator[Shape]:
     """All that a scene puts on its roads. start: for a scene without an episode, also who stands there at first."""
-    yield from zone_shapes(scene)
+    yield from (Area("plate_line", zone, 0.22) for zone in rule_zones(scene))
     yield from way_shapes(scene, graph)
     yield from furniture_shapes(scene)
     if start:

@@ -27,7 +27,7 @@ from tsbench.planners.observation import Observation, true_world
 from tsbench.roads.junction_paths import JunctionPath
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.planner_map import PlannerMap
-from tsbench.roads.priority import EXPERT_FOLLOWING, PriorityVehicle, PriorityVehicles
+from tsbench.roads.priority import EXPERT_FOLLOWING, PriorityVehicles
 from tsbench.sim.navigation import RouteView
 from tsbench.sim.world import DT_S
 
@@ -173,7 +173,10 @@ class Yielding:
     def _free(self, observation: Observation, route: RouteView, here: WayThrough) -> bool:
         """May the ego go on now, if it goes on as it would?"""
         vehicles = self._finder.find(true_world(observation).actors)
-        self._note_trend(vehicles)
+        # Smoothed acceleration of each vehicle with priority, from tick to tick.
+        for one in vehicles:
+            speed, accel = self._trend.get(one.row, (one.speed, 0.0))
+            self._trend[one.row] = (one.speed, accel + 0.3 * ((one.speed - speed) / DT_S - accel))
         # A vehicle without right of way counts too, once it is in the junction.
         coming = [
             (f, z)
@@ -201,12 +204,6 @@ class Yielding:
     def _ends(self, here: WayThrough, zone: ConflictZone) -> tuple[float, float]:
         """Places of the ego's centre on its route when its front enters a zone and when its rear has left it."""
         return here.line_s + zone.a_in - HALF_LENGTH_M, here.line_s + zone.a_out + HALF_LENGTH_M
-
-    def _note_trend(self, vehicles: list[PriorityVehicle]) -> None:
-        """Smoothed acceleration of each vehicle with priority, from tick to tick."""
-        for vehicle in vehicles:
-            speed, accel = self._trend.get(vehicle.row, (vehicle.speed, 0.0))
-            self._trend[vehicle.row] = (vehicle.speed, accel + 0.3 * ((vehicle.speed - speed) / DT_S - accel))
 
     def _room_behind(self, observation: Observation, here: WayThrough) -> bool:
         """Can the ego leave the junction, or does a vehicle stand in or just behind it?"""
@@ -239,14 +236,6 @@ _MINOR = "ms"
 _WITHIN_M = 60.0
 
 
-@dataclass(frozen=True, slots=True)
-class _Junction:
-    """A junction on the route where the ego gives way: arc length of its line, approach (SUMO's edge)."""
-
-    line_s: float
-    approach: str
-
-
 class RightOfWay:
     """Bounds the acceleration before each such junction; `but`: approaches (on the map) that constraints look after.
 
@@ -264,7 +253,7 @@ class RightOfWay:
         self._privilege, self._but, self._alert = privilege, but, alert_edges
         self._demand = demand
         self._path: RoutePath | None = None
-        self._junctions: list[_Junction] = []
+        self._junctions: list[tuple[float, str]] = []
         self._near: list[Yielding] = []
 
     def acceleration_bounds(self, observation: Observation, route: RouteView) -> tuple[float, float]:
@@ -272,10 +261,10 @@ class RightOfWay:
         if route.path is not self._path:
             self._path, self._near = route.path, []
             self._junctions = _minor(self._privilege.view, route.path, self._but, self._alert)
-            while self._junctions and self._junctions[0].line_s < route.s:
+            while self._junctions and self._junctions[0][0] < route.s:
                 del self._junctions[0]
-        while self._junctions and self._junctions[0].line_s - route.s <= _WITHIN_M:
-            approach = self._junctions.pop(0).approach
+        while self._junctions and self._junctions[0][0] - route.s <= _WITHIN_M:
+            _, approach = self._junctions.pop(0)
             others = paths_through(self._privilege.network, approach)
             self._near.append(Yielding(self._privilege, approach, (), self._demand, others, self._demand))
         if not self._near:
@@ -285,12 +274,17 @@ class RightOfWay:
         return max(least for least, _ in asked), min(most for _, most in asked)
 
 
-def _minor(view: PlannerMap, path: RoutePath, but: AbstractSet[str], alert_edges: AbstractSet[str]) -> list[_Junction]:
-    """The junctions of a path where its connection gives way, and those at the end of `alert_edges` edges, in order."""
+def _minor(
+    view: PlannerMap, path: RoutePath, but: AbstractSet[str], alert_edges: AbstractSet[str]
+) -> list[tuple[float, str]]:
+    """The junctions of a path where its connection gives way, and those at the end of `alert_edges` edges, in order.
+
+    Of each the arc length of its line, and its approach (SUMO's edge).
+    """
     found = []
     for piece, after in zip(path.pieces, path.pieces[1:], strict=False):
         lane, link = view.map.lanes[piece.lane], view.crossed.get(after.lane)
         if link is None or lane.edge in but or (link.state not in _MINOR and lane.edge not in alert_edges):
             continue
-        found.append(_Junction(piece.s1, view.chains[lane.edge][-1]))
+        found.append((piece.s1, view.chains[lane.edge][-1]))
     return found

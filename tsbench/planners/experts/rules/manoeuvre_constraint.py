@@ -25,8 +25,16 @@ class ManoeuvreConstraint(RuleConstraint):
         self._navigator: Navigator | None = None
 
     def banned(self, graph: MapGraph, privilege: Privilege, sign: SignInstance) -> frozenset[Turn]:
-        """Turns that the way may not hold."""
-        return banned_turns(graph, privilege, sign)
+        """Turns that the way may not hold: those out of the signed approach that the rule does not allow."""
+        rule, network = privilege.rule(sign), graph.network
+        approach = privilege.view.on_edge(sign.params_as(JunctionParams).approach)[0]
+        straight, u_turn = rule.thresholds["straight_deg"], rule.thresholds["u_turn_deg"]
+        allowed = rule.options["allowed"]
+        return frozenset(
+            (approach, target)
+            for target in graph.successors(approach)
+            if turn_class(math.degrees(heading_change(network, approach, target)), straight, u_turn) not in allowed
+        )
 
     def route(self, observation: Observation) -> RouteView:
         """The shortest way that the sign allows."""
@@ -68,19 +76,6 @@ class Without(MapGraph):
     ) -> tuple[str, ...] | None:
         """As the graph's own, without the banned turns."""
         return super().route(source, target, self._banned | avoid_turns, avoid_edges)
-
-
-def banned_turns(graph: MapGraph, privilege: Privilege, sign: SignInstance) -> frozenset[Turn]:
-    """The turns out of the signed approach that the rule does not allow."""
-    rule = privilege.rule(sign)
-    approach = privilege.view.on_edge(sign.params_as(JunctionParams).approach)[0]
-    straight, u_turn = rule.thresholds["straight_deg"], rule.thresholds["u_turn_deg"]
-    allowed = rule.options["allowed"]
-    return frozenset(
-        (approach, target)
-        for target in graph.successors(approach)
-        if turn_class(math.degrees(heading_change(graph.network, approach, target)), straight, u_turn) not in allowed
-    )
 
 
 def u_turns(graph: MapGraph) -> frozenset[Turn]:

@@ -52,19 +52,14 @@ class SpeedConstraint(RuleConstraint):
         front, v = route.s + HALF_LENGTH_M, observation.ego.speed
         if not self._inside and front < self._line_s:
             return -math.inf, slow_to(v, self._limit, self._line_s - _EARLY_M - front, _BRAKE_MPS2)
-        passed = self._passed_ends(observation, front)
+        # Where end plates of the kind and other limits stand that the front has passed.
+        ends = [(s.edge, s.position_m) for s in observation.signs if s.code in self._ended_by]
+        places, path = (*ends, *self._others), observation.route.path
+        passed = frozenset(one for one in places if line_place(self._roads, path, *one) + _EARLY_M < front)
         if not self._inside:
             self._inside, self._earlier = True, passed
         self._over = bool(passed - self._earlier)
         return -math.inf, slow_to(v, self._limit, 0.0, _BRAKE_MPS2)
-
-    def _passed_ends(self, observation: Observation, front: float) -> frozenset[tuple[str, float]]:
-        """Where end plates of the kind and other limits stand that the front has passed."""
-        ends = [(s.edge, s.position_m) for s in observation.signs if s.code in self._ended_by]
-        path = observation.route.path
-        return frozenset(
-            place for place in (*ends, *self._others) if line_place(self._roads, path, *place) + _EARLY_M < front
-        )
 
 
 def line_place(roads: RoadMap, path: RoutePath, edge: str, position: float) -> float:
