@@ -8,7 +8,6 @@ import signal
 from pathlib import Path
 
 import pytest
-from patience import HANG_S
 from run_helpers import Bench, assert_gone, workers_of
 
 from tsbench.run.log.journal import read_table
@@ -54,9 +53,7 @@ def test_workers_killed_are_replaced_with_another_hash_seed_too(whole: Bench) ->
     process = whole.start_paused(5, *RUN, "--out", "worker", "--workers", "2", PYTHONHASHSEED="77")
     for worker in workers_of(process):
         os.kill(worker, signal.SIGKILL)
-    whole.go()
-    process.communicate(timeout=HANG_S)
-    assert process.returncode == 1
+    whole.go(process, expect=1)
     assert bytes_of(whole.folder / "worker") == bytes_of(whole.folder / "whole")
 
 
@@ -66,9 +63,7 @@ def test_interrupted_keeps_what_is_finished(whole: Bench, number: signal.Signals
     process = whole.start_paused(3, *RUN[:3], *RUN[5:], "--out", name, "--workers", "2")
     workers = workers_of(process)
     process.send_signal(number)
-    whole.go()
-    out, err = process.communicate(timeout=HANG_S)
-    assert process.returncode == 130
+    out, err = whole.go(process, expect=130)
     assert "Traceback" not in err
     assert "run the same command again to continue" in out
     assert_gone(workers)
