@@ -63,7 +63,7 @@ def test_a_summary_shows_scd_on_a_narrow_terminal(tmp_path: Path, monkeypatch: p
 
 def test_holes_are_named(tmp_path: Path) -> None:
     run = tsbench.load_run(make_run(tmp_path / "run", episodes("idm"), asked=50))
-    with pytest.raises(InputError, match=r"without a record \(idm: 2 of 50\)"):
+    with pytest.raises(InputError, match=r"without a record \(idm: 2 of 50\).* or pass allow_partial=True$"):
         run.summary()
     assert len(run.summary(allow_partial=True))
     assert repr(run).endswith("idm; 48 of 50 episodes, interrupted)")
@@ -72,9 +72,7 @@ def test_holes_are_named(tmp_path: Path) -> None:
 def test_compare(tmp_path: Path) -> None:
     a = tsbench.load_run(make_run(tmp_path / "a", episodes("idm", yield_m0_v0=lost())))
     b = tsbench.load_run(make_run(tmp_path / "b", [*episodes("idm", speed_limit_m1_v1=lost()), *episodes("ppo")]))
-    with pytest.raises(InputError, match="has planners idm, ppo: name one"):
-        a.compare(b)
-    with pytest.raises(InputError, match=r"name one, other_planner='idm'$"):
+    with pytest.raises(InputError, match=r"has planners idm, ppo: name one, other_planner='idm'$"):
         a.compare(b)
     found = a.compare(b, other_planner="idm")
     assert dict(zip(found.flips.scenario_id, found.flips.won, strict=True)) == {
@@ -145,7 +143,10 @@ def test_scenarios() -> None:
     assert all(lane.width > 0.0 for lane in first.network.lanes)
     assert first._repr_png_().startswith(b"\x89PNG")
     assert len(tsbench.load_scenarios("dev", ["speed"])) > len(some)
-    for split, types, words in (("exam", "", "split 'exam': expected"), ("dev", "speling", "no such type")):
+    for split, types, words in (
+        ("exam", "", "split 'exam': expected"),
+        ("dev", "speling", "^types speling: no such type"),
+    ):
         with pytest.raises(InputError, match=words):
             tsbench.load_scenarios(split, types)
 
@@ -159,11 +160,6 @@ def test_what_is_refused_is_said_in_keywords(tmp_path: Path) -> None:
     fewer = tsbench.load_run(make_run(tmp_path / "c", episodes("idm", maps=5)))
     with pytest.raises(InputError, match=r"force=True compares the common ones"):
         a.compare(fewer)
-    holes = tsbench.load_run(make_run(tmp_path / "d", episodes("idm"), asked=50))
-    with pytest.raises(InputError, match=r"or pass allow_partial=True$"):
-        holes.summary()
-    with pytest.raises(InputError, match=r"^types nope: no such type"):
-        tsbench.load_scenarios("dev", "nope")
 
 
 def test_a_picture_prints_no_bytes(run: tsbench.Run) -> None:

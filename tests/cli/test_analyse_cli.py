@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import csv
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import pytest
-from command_line import in_process, refused
+from command_line import refused
 from PIL import Image
 from run_builders import CONTRACT, episode, episodes, failed, lost, make_run
 
@@ -20,22 +19,6 @@ from tsbench.report.analyses.scd_statistics import metric_mean
 from tsbench.signs.catalog import load_catalog
 
 KINDS = ("main", "types", "intervals", "failures", "correlations", "ablation")
-
-
-@pytest.fixture
-def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Drawing is what takes time, and the tests of figures draw them all."""
-    # Imported now, it keeps the real one, also for the tests after this.
-    import_module("tsbench.report.forest")
-    monkeypatch.setattr("tsbench.report.charts.save_chart", lambda draw, *paths: None)
-
-
-@pytest.fixture
-def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    """Runs the command in a folder of its own: (stdout, stderr)."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-    return in_process("analyse", capsys)
 
 
 def stuck() -> dict[str, Any]:
@@ -71,10 +54,9 @@ def table(path: Path) -> list[dict[str, str]]:
         return list(csv.DictReader(file))
 
 
-@pytest.mark.usefixtures("no_pictures")
-def test_main_is_strict_and_completed(run, tmp_path: Path) -> None:
+def test_main_is_strict_and_completed(analyse, tmp_path: Path) -> None:
     four(tmp_path / "r")
-    out, _ = run("main", "r", "--out", "out")
+    out, _ = analyse("main", "r", "--out", "out")
     assert out.startswith("Main table: 2 of 29 types, 192 episodes asked, test split, variants all\n")
     assert f"contract {CONTRACT}" in out
     rows = table(tmp_path / "out" / "main.csv")
@@ -91,19 +73,18 @@ def test_main_is_strict_and_completed(run, tmp_path: Path) -> None:
     assert r"mine[1]\_\$x\$" in (tmp_path / "out" / "main.tex").read_text()
 
 
-@pytest.mark.usefixtures("no_pictures")
 def test_published_figures_stand_beside_all_types_of_the_test_split_alone(
-    run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    analyse, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     every_type(tmp_path / "whole")
     four(tmp_path / "some")
     note = "published: "
     for command in ("main", "intervals"):
-        other, _ = run(command, "whole", "--out", "other-out")
+        other, _ = analyse(command, "whole", "--out", "other-out")
         with monkeypatch.context() as patch:
             patch.setattr(columns, "is_of_study", lambda contract: contract == CONTRACT)
-            whole, _ = run(command, "whole", "--out", "whole-out")
-            some, _ = run(command, "some", "--out", "some-out")
+            whole, _ = analyse(command, "whole", "--out", "whole-out")
+            some, _ = analyse(command, "some", "--out", "some-out")
         assert (note in whole, note in some, note in other) == (True, False, False)
     rows = {(r["planner"], r["figure"]): r for r in table(tmp_path / "whole-out" / "main.csv")}
     theirs = rows["idm", "published"]
@@ -113,14 +94,13 @@ def test_published_figures_stand_beside_all_types_of_the_test_split_alone(
     assert (first["planner"], first["group"], first["published"]) == ("idm", "all types", "7.2")
 
 
-@pytest.mark.usefixtures("no_pictures")
-def test_several_runs_give_one_table(run, tmp_path: Path) -> None:
+def test_several_runs_give_one_table(analyse, tmp_path: Path) -> None:
     four(tmp_path / "all")
     make_run(tmp_path / "one", episodes("idm", yield_m0_v0=lost(), yield_m1_v1=crashed(), yield_m2_v0=stuck(),
                                         speed_limit_m0_v0=stuck()))  # fmt: skip
     make_run(tmp_path / "two", episodes("idm-e"))
-    run("main", "all", "--out", "x")
-    run("main", "two", "one", "--out", "y")
+    analyse("main", "all", "--out", "x")
+    analyse("main", "two", "one", "--out", "y")
     together, apart = (
         {r["planner"]: r for r in table(tmp_path / f / "main.csv") if r["figure"] == "strict"} for f in "xy"
     )
@@ -129,10 +109,9 @@ def test_several_runs_give_one_table(run, tmp_path: Path) -> None:
         assert kept == {key: cell for key, cell in apart[name].items() if key != "title"}
 
 
-@pytest.mark.usefixtures("no_pictures")
-def test_types_have_n_for_every_planner(run, tmp_path: Path) -> None:
+def test_types_have_n_for_every_planner(analyse, tmp_path: Path) -> None:
     four(tmp_path / "r")
-    out, _ = run("types", "r", "--out", "out")
+    out, _ = analyse("types", "r", "--out", "out")
     rows = table(tmp_path / "out" / "types.csv")
     assert [(r["type"], r["figure"]) for r in rows] == [
         ("yield", "strict"), ("speed_limit", "strict"), ("speed_limit", "completed"),
@@ -142,10 +121,9 @@ def test_types_have_n_for_every_planner(run, tmp_path: Path) -> None:
     assert "87.5" in out
 
 
-@pytest.mark.usefixtures("no_pictures")
-def test_failures_are_all_there_is(run, tmp_path: Path) -> None:
+def test_failures_are_all_there_is(analyse, tmp_path: Path) -> None:
     four(tmp_path / "r")
-    run("failures", "r", "--out", "out")
+    analyse("failures", "r", "--out", "out")
     rows = {(r["planner"], r["group"], r["figure"]): r for r in table(tmp_path / "out" / "failures.csv")}
     idm = rows["idm", "all types", "strict"]
     counts = {"complied_arrived": 44, "complied_not_arrived": 2, "violated_arrived": 1, "violated_not_arrived": 1,
@@ -161,10 +139,9 @@ def test_failures_are_all_there_is(run, tmp_path: Path) -> None:
     assert ("ppo", "priority", "completed") not in rows
 
 
-@pytest.mark.usefixtures("no_pictures")
-def test_intervals_say_what_they_rest_on(run, tmp_path: Path) -> None:
+def test_intervals_say_what_they_rest_on(analyse, tmp_path: Path) -> None:
     four(tmp_path / "r")
-    run("intervals", "r", "--out", "out")
+    analyse("intervals", "r", "--out", "out")
     rows = table(tmp_path / "out" / "intervals.csv")
     first = rows[0]
     assert (first["planner"], first["group"], first["n"], first["places"]) == ("idm", "all types", "48", "12")
@@ -172,10 +149,9 @@ def test_intervals_say_what_they_rest_on(run, tmp_path: Path) -> None:
     assert float(first["scd_low"]) < float(first["scd"]) < float(first["scd_high"])
 
 
-@pytest.mark.usefixtures("no_pictures")
-def test_correlations_are_over_planners(run, tmp_path: Path) -> None:
+def test_correlations_are_over_planners(analyse, tmp_path: Path) -> None:
     four(tmp_path / "r")
-    out, _ = run("correlations", "r", "--out", "out")
+    out, _ = analyse("correlations", "r", "--out", "out")
     assert "Conventional metrics and signed SCD over 4 planners" in out
     assert "fewer than 5 planners: no interval" in out
     rows = {(r["group"], r["metric"], r["figure"]): r for r in table(tmp_path / "out" / "correlations.csv")}
@@ -197,14 +173,13 @@ def test_means_by_group_are_those_of_the_summary(tmp_path: Path) -> None:
             assert completed == pytest.approx(figure.completed.value)
 
 
-@pytest.mark.usefixtures("no_pictures")
-def test_ablation_pairs_by_scenario(run, tmp_path: Path) -> None:
+def test_ablation_pairs_by_scenario(analyse, tmp_path: Path) -> None:
     plain = episodes("idm-e", yield_m0_v0=lost())
     kept = [row for row in episodes("idm-e") if row["variant"] == 0]
     masked = [row | (lost() if row["scenario_type"] == "yield" else {}) for row in kept]
     make_run(tmp_path / "plain", plain + episodes("ppo"))
     make_run(tmp_path / "masked", masked, mask_signs=True, variants="one-per-map")
-    out, _ = run("ablation", "masked", "plain", "--out", "out")
+    out, _ = analyse("ablation", "masked", "plain", "--out", "out")
     assert out.startswith("Sign-channel ablation: 12 paired episodes for each of 1 planners, test split, variants ")
     assert "without a partner, left out: ppo" in out
     rows = {r["metric"]: r for r in table(tmp_path / "out" / "ablation.csv")}
@@ -216,47 +191,46 @@ def test_ablation_pairs_by_scenario(run, tmp_path: Path) -> None:
     assert rows["signed SCD, speed"]["difference"] == "0.0"
 
 
-@pytest.mark.usefixtures("no_pictures")
-def test_ablation_needs_both_and_the_same_scenes(run, tmp_path: Path) -> None:
+def test_ablation_needs_both_and_the_same_scenes(analyse, tmp_path: Path) -> None:
     make_run(tmp_path / "plain", episodes("idm", maps=5))
     make_run(tmp_path / "masked", episodes("idm"), mask_signs=True)
     make_run(tmp_path / "other", episodes("ppo"), mask_signs=True)
     make_run(tmp_path / "elsewhere", episodes("idm"), mask_signs=True, contract="d" * 64)
-    assert "none with it was given" in refused(run, "ablation", "plain")
-    assert "none without it was given" in refused(run, "ablation", "masked")
-    assert "idm has not driven 8 of the 48 scenes of masked" in refused(run, "ablation", "plain", "masked")
-    assert "no planner is in both: without --mask-signs idm; with it ppo" in refused(run, "ablation", "plain", "other")
-    assert "d" * 64 in refused(run, "ablation", "plain", "elsewhere")
+    assert "none with it was given" in refused(analyse, "ablation", "plain")
+    assert "none without it was given" in refused(analyse, "ablation", "masked")
+    assert "idm has not driven 8 of the 48 scenes of masked" in refused(analyse, "ablation", "plain", "masked")
+    assert "no planner is in both: without --mask-signs idm; with it ppo" in refused(
+        analyse, "ablation", "plain", "other"
+    )
+    assert "d" * 64 in refused(analyse, "ablation", "plain", "elsewhere")
 
 
-@pytest.mark.usefixtures("no_pictures")
 @pytest.mark.parametrize("kind", KINDS)
-def test_partial_runs_are_refused_or_titled(run, tmp_path: Path, kind: str) -> None:
+def test_partial_runs_are_refused_or_titled(analyse, tmp_path: Path, kind: str) -> None:
     rows = [row for name in ("idm", "idm-e", "ppo") for row in episodes(name)]
     make_run(tmp_path / "part", rows[:-2], asked=48)
     make_run(tmp_path / "masked", rows, mask_signs=True)
     runs = ("part", "masked") if kind == "ablation" else ("part",)
-    assert "scenarios without a record (ppo: 2 of 48)" in refused(run, kind, *runs)
+    assert "scenarios without a record (ppo: 2 of 48)" in refused(analyse, kind, *runs)
     assert not (tmp_path / "analyses").exists()
-    out, _ = run(kind, *runs, "--allow-partial")
+    out, _ = analyse(kind, *runs, "--allow-partial")
     assert out.startswith("PARTIAL, 2 episodes missing: ")
     assert all(row["title"].startswith("PARTIAL, 2 ") for row in table(tmp_path / "analyses" / f"{kind}.csv"))
     assert r"\caption{PARTIAL, 2 episodes missing: " in (tmp_path / "analyses" / f"{kind}.tex").read_text()
 
 
-@pytest.mark.usefixtures("no_pictures")
-def test_runs_that_do_not_belong_together(run, tmp_path: Path) -> None:
+def test_runs_that_do_not_belong_together(analyse, tmp_path: Path) -> None:
     make_run(tmp_path / "a", episodes("idm"))
     make_run(tmp_path / "b", episodes("ppo"), contract="d" * 64)
     make_run(tmp_path / "c", episodes("ppo", maps=5))
     make_run(tmp_path / "d", episodes("ppo"), mask_signs=True)
     make_run(tmp_path / "e", episodes("idm"))
-    assert f"a has contract {CONTRACT}, b has {'d' * 64}" in refused(run, "main", "a", "b")
-    assert "a and c have different scenarios (scenarios: 48, 40)" in refused(run, "main", "a", "c")
-    assert "signs are masked in one of a and d only" in refused(run, "main", "a", "d")
-    assert "planner idm is in a and in e: give it once only" in refused(run, "main", "a", "e")
-    assert "no run folder" in refused(run, "main", "nowhere")
-    assert "at least 3 are needed, the runs have 1" in refused(run, "correlations", "a")
+    assert f"a has contract {CONTRACT}, b has {'d' * 64}" in refused(analyse, "main", "a", "b")
+    assert "a and c have different scenarios (scenarios: 48, 40)" in refused(analyse, "main", "a", "c")
+    assert "signs are masked in one of a and d only" in refused(analyse, "main", "a", "d")
+    assert "planner idm is in a and in e: give it once only" in refused(analyse, "main", "a", "e")
+    assert "no run folder" in refused(analyse, "main", "nowhere")
+    assert "at least 3 are needed, the runs have 1" in refused(analyse, "correlations", "a")
 
 
 @pytest.mark.parametrize("kind", ["types", "intervals", "correlations", "ablation"])

@@ -6,13 +6,12 @@ import csv
 import json
 from collections.abc import Callable
 from dataclasses import asdict
-from importlib import import_module
 from pathlib import Path
 
 import episode_builders as made
 import pyarrow.parquet as pq
 import pytest
-from command_line import in_process
+from command_line import Command, in_process
 from run_builders import episode, episodes, failed, lost, make_run, pairs
 
 from tsbench.metrics.scd import CONTRASTED, PAIRED, SIGNED_ONES
@@ -22,21 +21,15 @@ from tsbench.run.log.journal import file_hashes
 from tsbench.run.log.read import read_run
 from tsbench.run.log.record import LATER
 
+Table = Callable[..., list[dict[str, str]]]
+
 
 @pytest.fixture
-def analyse(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> Callable[[str, str], list[dict[str, str]]]:
+def table(tmp_path: Path, analyse: Command) -> Table:
     """The table of an analysis of runs as rows of its CSV."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-    # Imported now, it keeps the real one, also for the tests after this.
-    import_module("tsbench.report.forest")
-    monkeypatch.setattr("tsbench.report.charts.save_chart", lambda draw, *paths: None)
-    run = in_process("analyse", capsys)
 
     def table(name: str, *runs: str) -> list[dict[str, str]]:
-        run(name, *runs, "--out", "out")
+        analyse(name, *runs, "--out", "out")
         with (tmp_path / "out" / f"{name}.csv").open(encoding="utf-8") as file:
             return list(csv.DictReader(file))
 
@@ -70,9 +63,9 @@ def number(text: str) -> float:
 ONE_LOST = round(100 * 23 / 24, 3)
 
 
-def test_paired_comes_first_in_the_main_table(analyse, tmp_path: Path) -> None:
+def test_paired_comes_first_in_the_main_table(table, tmp_path: Path) -> None:
     three(tmp_path / "r")
-    rows = {row["planner"]: row for row in analyse("main", "r") if row["figure"] == "strict"}
+    rows = {row["planner"]: row for row in table("main", "r") if row["figure"] == "strict"}
     heads = [key for key in rows["idm"] if key.endswith("overall")]
     assert heads == [f"{part}_overall" for part in (PAIRED, SIGNED_ONES, CONTRASTED)]
     assert next(iter(row for row in rows["idm"] if "scd" in row)) == "paired_scd_overall"
@@ -82,18 +75,18 @@ def test_paired_comes_first_in_the_main_table(analyse, tmp_path: Path) -> None:
     assert (rows["idm"]["n"], rows["idm"]["paired_scd_overall_n"]) == ("96", "48")
 
 
-def test_types_have_three_figures_by_the_pairs_type(analyse, tmp_path: Path) -> None:
+def test_types_have_three_figures_by_the_pairs_type(table, tmp_path: Path) -> None:
     three(tmp_path / "r")
-    rows = analyse("types", "r")
+    rows = table("types", "r")
     names = [(row["type"], row["score"]) for row in rows]
     scores = ["paired SCD", "signed SCD", "contrast SCD"]
     assert names == [(kind, score) for kind in ("yield", "speed_limit") for score in scores]
     assert [number(row["idm"]) for row in rows] == [ONE_LOST, ONE_LOST, 100.0, ONE_LOST, 100.0, ONE_LOST]
 
 
-def test_failures_of_each_half_name_needless_obedience(analyse, tmp_path: Path) -> None:
+def test_failures_of_each_half_name_needless_obedience(table, tmp_path: Path) -> None:
     three(tmp_path / "r")
-    rows = {(r["planner"], r["group"], r["half"]): r for r in analyse("failures", "r")}
+    rows = {(r["planner"], r["group"], r["half"]): r for r in table("failures", "r")}
     signed, contrast = (rows["idm", "all types", half] for half in ("signed", "contrast"))
     for half in (signed, contrast):
         assert (half["n"], number(half["violated_arrived"])) == ("48", round(100 / 48, 3))
@@ -103,9 +96,9 @@ def test_failures_of_each_half_name_needless_obedience(analyse, tmp_path: Path) 
     assert number(rows["blind (floor)", "priority", "contrast"]["violated_arrived"]) == 100.0
 
 
-def test_the_floor_stands_below_the_planners(analyse, tmp_path: Path) -> None:
+def test_the_floor_stands_below_the_planners(table, tmp_path: Path) -> None:
     three(tmp_path / "r")
-    rows = analyse("floor", "r")
+    rows = table("floor", "r")
     assert [row["over"] for row in rows] == ["all"] * 3 + ["group"] * 6 + ["type"] * 6
     assert [row["planner"] for row in rows[:3]] == ["idm", "idm-e", "blind (floor)"]
     blind = rows[2]
@@ -116,17 +109,17 @@ def test_the_floor_stands_below_the_planners(analyse, tmp_path: Path) -> None:
     assert "floor: blind read no plate." in note
 
 
-def test_whose_work_a_planner_is_stands_behind_its_name(analyse, tmp_path: Path) -> None:
+def test_whose_work_a_planner_is_stands_behind_its_name(table, tmp_path: Path) -> None:
     rows = pairs("idm") + pairs("pdm") + pairs("metadrive-ppo")
     make_run(tmp_path / "r", rows)
-    told = [row["planner"] for row in analyse("floor", "r")[:3]]
+    told = [row["planner"] for row in table("floor", "r")[:3]]
     assert told == ["idm", "metadrive-ppo (third-party)", "pdm (reimplemented)"]
 
 
-def test_an_ablation_is_of_pairs_first(analyse, tmp_path: Path) -> None:
+def test_an_ablation_is_of_pairs_first(table, tmp_path: Path) -> None:
     make_run(tmp_path / "plain", pairs("idm-e"))
     make_run(tmp_path / "masked", pairs("idm-e", yield_m0_v0_c=lost()), mask_signs=True)
-    rows = analyse("ablation", "plain", "masked")
+    rows = table("ablation", "plain", "masked")
     assert [rows[k]["metric"] for k in (0, 3, 6)] == [
         "paired SCD, all types", "signed SCD, all types", "contrast SCD, all types",
     ]  # fmt: skip
@@ -179,7 +172,7 @@ def test_a_run_from_before_pairs_reads_as_signed_rows(tmp_path: Path) -> None:
         assert analyse_runs(name, [run], allow_partial=False).table.rows
 
 
-def test_a_square_names_the_sign_that_was_broken(analyse, tmp_path: Path) -> None:
+def test_a_square_names_the_sign_that_was_broken(table, tmp_path: Path) -> None:
     """idm breaks the last sign in two rows of one square of two; a square with a row missing does not count."""
     event = asdict(made.violation(3.0, clause="did_not_yield"))
     kind = {"scenario_type": "limit_and_yield", "group": "two_signs"}
@@ -194,9 +187,9 @@ def test_a_square_names_the_sign_that_was_broken(analyse, tmp_path: Path) -> Non
     codes = {"limit_and_yield-m1-v0": "2.4", "limit_and_yield-m1-v0-c": "2.4"}
     events = [event | where | {"scenario_id": name, "sign_code": code} for name, code in codes.items()]
     make_run(tmp_path / "r", rows[:-1], events=events, asked=12)
-    (row,) = analyse("squares", "r", "--allow-partial")
+    (row,) = table("squares", "r", "--allow-partial")
     assert (row["type"], row["planner"], row["n"]) == ("limit_and_yield", "idm", "2")
     assert [number(row[key]) for key in ("squared_scd", "rows", "first", "last")] == [50.0, 3.0, 0.0, 25.0]
-    first = analyse("floor", "r", "--allow-partial")[0]
+    first = table("floor", "r", "--allow-partial")[0]
     assert next(name for name in first if name.endswith("scd")) == "squared_scd"
     assert (first["n"], number(first["squared_scd"])) == ("2", 50.0)

@@ -7,7 +7,7 @@ import gzip
 import importlib
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,6 +28,7 @@ ROOT = Path(__file__).resolve().parents[2]
 # The hand-made scenes and pool rows are shared with the tests of the simulation and of scenarios.
 world = importlib.import_module("simworld")
 pool_builders = importlib.import_module("pool_builders")
+Run = Callable[..., str]
 
 
 @pytest.fixture(scope="module")
@@ -79,32 +80,36 @@ def data(made_data: Path, tmp_path: Path) -> Iterator[Path]:
         yield root
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: str, expect: int = 0) -> str:
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Runs a command of `tsbench scenarios`: what it prints, or the line with which it refuses."""
     command = in_process("scenarios", capsys)
-    return refused(command, *arguments) if expect == 2 else command(*arguments, expect=expect)[0]
+
+    def run(*arguments: str, expect: int = 0) -> str:
+        return refused(command, *arguments) if expect == 2 else command(*arguments, expect=expect)[0]
+
+    return run
 
 
-def test_list(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    lines = run(capsys, "list").split()
+def test_list(data: Path, run: Run) -> None:
+    lines = run("list").split()
     assert lines == [f"yield-j-{s}-v{k}" for s in ("test", "train") for k in range(3)]
-    assert run(capsys, "list", "--split", "test").split() == lines[:3]
-    assert run(capsys, "list", "--types", "speed_limit") == ""
+    assert run("list", "--split", "test").split() == lines[:3]
+    assert run("list", "--types", "speed_limit") == ""
 
 
-def test_show(data: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    told = run(capsys, "show", "yield-j-test-v1")
+def test_show(data: Path, run: Run, tmp_path: Path) -> None:
+    told = run("show", "yield-j-test-v1")
     for words in ("yield-j-test-v1", "2.4 (target) on s_in", "s_in > n_out", "the same", "7.75"):
         assert words in told
     picture = tmp_path / "scene.png"
-    assert str(picture) in run(capsys, "show", "yield-j-test-v1", "--png", str(picture)).replace("\n", "")
+    assert str(picture) in run("show", "yield-j-test-v1", "--png", str(picture)).replace("\n", "")
     assert picture.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
 
 
-def test_open_prints_a_command_on_files_that_are_there(
-    data: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_open_prints_a_command_on_files_that_are_there(data: Path, run: Run, tmp_path: Path) -> None:
     folder = tmp_path / "files"
-    said, command = run(capsys, "open", "yield-j-test-v1", "--out", str(folder)).splitlines()
+    said, command = run("open", "yield-j-test-v1", "--out", str(folder)).splitlines()
     words = command.split()
     assert words[0] == "sumo-gui"
     net, additional = Path(words[words.index("-n") + 1]), Path(words[words.index("-a") + 1])
@@ -113,13 +118,11 @@ def test_open_prints_a_command_on_files_that_are_there(
     assert net.read_bytes() == gzip.decompress((data / "built" / "cross.net.xml.gz").read_bytes())
     assert b'id="sign_0"' in additional.read_bytes()
     (tmp_path / "taken").touch()
-    assert "cannot be written here" in run(
-        capsys, "open", "yield-j-test-v1", "--out", str(tmp_path / "taken" / "in"), expect=2
-    )
+    assert "cannot be written here" in run("open", "yield-j-test-v1", "--out", str(tmp_path / "taken" / "in"), expect=2)
 
 
-def test_lint_counts_plates_by_kind_of_place(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert "3 rows, 0 findings" in run(capsys, "lint", "--split", "test")
+def test_lint_counts_plates_by_kind_of_place(data: Path, run: Run) -> None:
+    assert "3 rows, 0 findings" in run("lint", "--split", "test")
     net = data / "built" / "cross.net.xml.gz"
     maker = world.SceneMaker(data / "built", net, read_network(net))
     far = world.plate(maker.network, "s_in", 60.0, "2.4", junction="x", approach="s_in", main_in="w_in e_in")
@@ -128,18 +131,18 @@ def test_lint_counts_plates_by_kind_of_place(data: Path, capsys: pytest.CaptureF
     rows = [replace(spec, map_id="j-test", split="test")]
     write_table(rows, data / "scenarios" / "test.parquet")
     world.store_scenes(rows, data / "built", data / "scenarios")
-    told = run(capsys, "lint", "--split", "test", "--each", "1", expect=1)
+    told = run("lint", "--split", "test", "--each", "1", expect=1)
     assert "yield-j-test-v0: sign_0 (2.4, target): line: stands 83 m before the line, at most 26 m" in told
     assert re.search(r"line +2\.4 +1 +1 +1", told)
     assert "1 rows, 1 findings" in told
 
 
-def test_verify_sound_rows(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert "6 rows, 0 problems" in run(capsys, "verify")
-    assert "3 rows, 0 problems" in run(capsys, "verify", "--split", "test")
+def test_verify_sound_rows(data: Path, run: Run) -> None:
+    assert "6 rows, 0 problems" in run("verify")
+    assert "3 rows, 0 problems" in run("verify", "--split", "test")
 
 
-def test_verify_names_every_problem_and_exits_with_1(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_verify_names_every_problem_and_exits_with_1(data: Path, run: Run) -> None:
     folder = data / "scenarios"
     rows = read_table(folder / "test.parquet")
     (data / "built" / "yield-j-test-v2.add.xml.gz").write_bytes(b"<additional/>")
@@ -147,7 +150,7 @@ def test_verify_names_every_problem_and_exits_with_1(data: Path, capsys: pytest.
     table = folder / "train.parquet"
     rows = read_table(table)
     write_table([replace(rows[0], scenario_type="fly"), *rows[1:]], table)
-    told = run(capsys, "verify", expect=1)
+    told = run("verify", expect=1)
     assert "yield-j-test-v0: " in told
     assert "no such scene file" in told
     assert "SHA-256 differs" in told
@@ -157,27 +160,25 @@ def test_verify_names_every_problem_and_exits_with_1(data: Path, capsys: pytest.
     assert "6 rows, 4 problems" in told
 
 
-def test_verify_finds_maps_that_are_too_near_in_both_splits_or_nowhere(
-    data: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_verify_finds_maps_that_are_too_near_in_both_splits_or_nowhere(data: Path, run: Run) -> None:
     pool = data / "sumo_nets" / "pool.parquet"
     write_pool([pool_builders.crossroads("j-train"), pool_builders.crossroads("j-test", east=400.0)], pool)
-    assert "j-train: is within 300 m of test map j-test" in run(capsys, "verify", expect=1)
+    assert "j-train: is within 300 m of test map j-test" in run("verify", expect=1)
     write_pool([pool_builders.crossroads("j-train"), pool_builders.crossroads("j-test", east=421.0)], pool)
-    run(capsys, "verify")
+    run("verify")
     table = data / "scenarios" / "test.parquet"
     write_table([replace(r, place="j-other") for r in read_table(table)], table)
-    assert "j-test: is of place j-test" in run(capsys, "verify", expect=1)
+    assert "j-test: is of place j-test" in run("verify", expect=1)
     write_pool([pool_builders.crossroads("j-train")], pool)
-    assert "j-test: map is not in the pool" in run(capsys, "verify", expect=1)
+    assert "j-test: map is not in the pool" in run("verify", expect=1)
     write_table([replace(r, map_id="j-train") for r in read_table(table)], table)
-    assert "j-train: map is in two splits" in run(capsys, "verify", expect=1)
+    assert "j-train: map is in two splits" in run("verify", expect=1)
 
 
-def test_stats(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_stats(data: Path, run: Run) -> None:
     (data / "cities").mkdir()
     (data / "cities" / "moscow.yaml").symlink_to(ROOT / "cities" / "moscow.yaml")
-    told = run(capsys, "stats")
+    told = run("stats")
     assert "yield" in told
     assert "X 1" in told
     assert "7 the secondary arm is … m long" in told
@@ -194,32 +195,30 @@ def test_stats(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
         (["build", "--workers", "0"], "workers"),
     ],
 )
-def test_wrong_usage_is_one_line(
-    data: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], words: str
-) -> None:
-    assert words in run(capsys, *arguments, expect=2)
+def test_wrong_usage_is_one_line(data: Path, run: Run, arguments: list[str], words: str) -> None:
+    assert words in run(*arguments, expect=2)
 
 
-def test_a_missing_or_broken_table_is_one_line(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_or_broken_table_is_one_line(data: Path, run: Run) -> None:
     table = data / "scenarios" / "train.parquet"
     table.write_bytes(table.read_bytes()[:200])
     for command in ("list", "verify", "stats"):
-        assert f"{table}: not a readable Parquet table" in run(capsys, command, expect=2)
+        assert f"{table}: not a readable Parquet table" in run(command, expect=2)
     table.unlink()
-    assert run(capsys, "list").split() == [f"yield-j-test-v{k}" for k in range(3)]
+    assert run("list").split() == [f"yield-j-test-v{k}" for k in range(3)]
     (data / "scenarios" / "test.parquet").unlink()
-    assert "no such table (tsbench data fetch --from DIR|URL test brings" in run(capsys, "list", expect=2)
+    assert "no such table (tsbench data fetch --from DIR|URL test brings" in run("list", expect=2)
 
 
-def test_a_missing_pool_and_report(data: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_missing_pool_and_report(data: Path, run: Run) -> None:
     report = data / "scenarios" / "build_report.json"
     report.write_text("{")
-    assert "cannot be read as a build report" in run(capsys, "stats", expect=2)
+    assert "cannot be read as a build report" in run("stats", expect=2)
     report.unlink()
-    assert "no build report" in run(capsys, "stats", expect=2)
+    assert "no build report" in run("stats", expect=2)
     (data / "sumo_nets" / "pool.parquet").unlink()
-    assert "maps harvest" in run(capsys, "verify", expect=2)
-    assert "maps harvest" in run(capsys, "build", "--osm", ".", expect=2)
+    assert "maps harvest" in run("verify", expect=2)
+    assert "maps harvest" in run("build", "--osm", ".", expect=2)
 
 
 @pytest.fixture
@@ -250,9 +249,9 @@ def traffic(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
         yield root
 
 
-def test_prints_distances_and_draws(traffic: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_prints_distances_and_draws(traffic: Path, tmp_path: Path, run: Run) -> None:
     out = tmp_path / "out"
-    told = run(capsys, "calibration", "--split", "test", "--out", str(out))
+    told = run("calibration", "--split", "test", "--out", str(out))
     for quantity, n in (("initial speed", 1), ("density", 1)):
         (line,) = [x for x in told.splitlines() if quantity in x]
         assert f" {n} " in line
@@ -266,6 +265,6 @@ def test_prints_distances_and_draws(traffic: Path, tmp_path: Path, capsys: pytes
     assert "Calibration of traffic: scenarios (test split)" in (out / "calibration.tex").read_text()
 
 
-def test_tables_without_traffic_are_one_line(traffic: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tables_without_traffic_are_one_line(traffic: Path, run: Run) -> None:
     write_certificates([certificate(read_table(traffic / "test.parquet")[0])], certificates_path(traffic))
-    assert "no density to compare" in run(capsys, "calibration", expect=2)
+    assert "no density to compare" in run("calibration", expect=2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler
 from pathlib import Path
@@ -17,6 +17,7 @@ from serving import serving
 from tsbench.core import fetch
 from tsbench.core.errors import InputError
 
+Run = Callable[..., str]
 CONTENT = {"scenarios/a b.parquet": b"rows" * 1000, "scenarios/scenes/train/x.parquet": bytes(3 << 20)}
 
 
@@ -72,9 +73,11 @@ def known(tmp_path: Path) -> Iterator[Path]:
     fetch.data_sets.cache_clear()
 
 
-def run(capsys: pytest.CaptureFixture[str], *arguments: str, expect: int = 0) -> str:
-    out, err = in_process(arguments[0], capsys)(*arguments[1:], expect=expect)
-    return err if expect else out
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Runs `tsbench data`: what it prints, or its errors where it has to end with another code than 0."""
+    command = in_process("data", capsys)
+    return lambda *arguments, expect=0: command(*arguments, expect=expect)[expect > 0]
 
 
 def files_below(root: Path) -> set[str]:
@@ -83,34 +86,32 @@ def files_below(root: Path) -> set[str]:
 
 @pytest.mark.parametrize("by", ["origin", "address"])
 def test_all_files_come_from_a_folder_and_an_address(
-    by: str, known: Path, request: pytest.FixtureRequest, capsys: pytest.CaptureFixture[str]
+    by: str, known: Path, request: pytest.FixtureRequest, run: Run
 ) -> None:
     source = str(request.getfixturevalue(by))
-    assert run(capsys, "data", "list").splitlines()[1].split()[:4] == ["train", "2", "3.1", "2"]
-    out = run(capsys, "data", "fetch", "--from", f"{source}/", "train")
+    assert run("list").splitlines()[1].split()[:4] == ["train", "2", "3.1", "2"]
+    out = run("fetch", "--from", f"{source}/", "train")
     assert out.splitlines()[-1] == "train: 2 of 2 files fetched, all there"
     assert {name: (known / name).read_bytes() for name in files_below(known)} == CONTENT
-    listed = run(capsys, "data", "list", "train").splitlines()
+    listed = run("list", "train").splitlines()
     assert [line.split()[0] for line in listed] == [hashlib.sha256(c).hexdigest() for c in CONTENT.values()]
     assert all(str(known) in line for line in listed)
-    assert run(capsys, "data", "list").splitlines()[1].split()[:4] == ["train", "2", "3.1", "none"]
+    assert run("list").splitlines()[1].split()[:4] == ["train", "2", "3.1", "none"]
 
 
-def test_what_is_there_is_not_fetched_again(known: Path, address: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_there_is_not_fetched_again(known: Path, address: str, run: Run) -> None:
     first, second = CONTENT
     (known / first).parent.mkdir()
     (known / first).write_bytes(CONTENT[first])
-    assert "1 of 2 files fetched" in run(capsys, "data", "fetch", "--from", address)
+    assert "1 of 2 files fetched" in run("fetch", "--from", address)
     assert Handler.asked == [f"/{second}"]
 
 
-def test_another_file_in_the_place_is_not_overwritten(
-    known: Path, origin: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_another_file_in_the_place_is_not_overwritten(known: Path, origin: Path, run: Run) -> None:
     place = known / next(iter(CONTENT))
     place.parent.mkdir()
     place.write_bytes(b"mine")
-    said = run(capsys, "data", "fetch", "--from", str(origin), expect=2)
+    said = run("fetch", "--from", str(origin), expect=2)
     assert f"{place}: is another file than the train data's: move it away first" in said
     assert place.read_bytes() == b"mine"
 
@@ -127,27 +128,27 @@ def test_another_file_in_the_place_is_not_overwritten(
 )
 def test_a_wrong_file_is_one_line_and_leaves_nothing(
     by: str, content: bytes | None, problem: str, known: Path, origin: Path, request: pytest.FixtureRequest,
-    capsys: pytest.CaptureFixture[str],
+    run: Run,
 ) -> None:  # fmt: skip
     source, name = str(request.getfixturevalue(by)), "scenarios/a b.parquet"
     if content is None:
         (origin / name).unlink()
     else:
         (origin / name).write_bytes(content)
-    said = run(capsys, "data", "fetch", "--from", source, "train", expect=2)
+    said = run("fetch", "--from", source, "train", expect=2)
     assert said.count("\n") == 1
     assert said.startswith(f"error: {source}/scenarios/a")
     assert problem in said
     assert not files_below(known)
 
 
-def test_a_fetch_goes_on_after_a_fault(known: Path, origin: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_fetch_goes_on_after_a_fault(known: Path, origin: Path, run: Run) -> None:
     first, second = CONTENT
     (origin / second).write_bytes(b"")
-    assert second in run(capsys, "data", "fetch", "--from", str(origin), expect=2)
+    assert second in run("fetch", "--from", str(origin), expect=2)
     assert files_below(known) == {first}
     (origin / second).write_bytes(CONTENT[second])
-    assert "1 of 2 files fetched" in run(capsys, "data", "fetch", "--from", str(origin))
+    assert "1 of 2 files fetched" in run("fetch", "--from", str(origin))
 
 
 def test_a_server_that_hangs_up(tmp_path: Path, address: str) -> None:
@@ -164,12 +165,10 @@ def test_a_server_that_sends_without_end_is_left(tmp_path: Path, monkeypatch: py
     assert not files_below(tmp_path / "new")
 
 
-def test_other_addresses_than_http_are_not_opened(
-    known: Path, origin: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert "cannot be fetched" in run(capsys, "data", "fetch", "--from", f"file://{origin}", expect=2)
+def test_other_addresses_than_http_are_not_opened(known: Path, origin: Path, run: Run) -> None:
+    assert "cannot be fetched" in run("fetch", "--from", f"file://{origin}", expect=2)
 
 
-def test_unknown_names(known: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert "no data of the name 'wights': there are train" in run(capsys, "data", "list", "wights", expect=2)
-    assert "no data of the name" in run(capsys, "data", "fetch", "--from", "x", "y", expect=2)
+def test_unknown_names(known: Path, run: Run) -> None:
+    assert "no data of the name 'wights': there are train" in run("list", "wights", expect=2)
+    assert "no data of the name" in run("fetch", "--from", "x", "y", expect=2)

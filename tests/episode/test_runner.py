@@ -49,8 +49,9 @@ def on_the_road(on_road, name: str, start: EgoStart = START, end: Destination = 
     return on_road.make(name, start, end, ("road",), sign, **more)
 
 
-def consistent(result: EpisodeResult) -> EpisodeFacts:
-    """Asserts what holds for every episode that was simulated; its facts."""
+def consistent(result: EpisodeResult, outcome: Outcome) -> EpisodeFacts:
+    """Asserts that it ended so, and what holds for every episode that was simulated; its facts."""
+    assert result.outcome is outcome
     facts = result.facts
     steps = [s.step for s in facts.snapshots]
     assert steps == list(range(len(steps)))
@@ -67,8 +68,8 @@ def consistent(result: EpisodeResult) -> EpisodeFacts:
 @pytest.mark.parametrize("planner", ["Follow", "FollowPoses"])
 def test_arrived(root: Path, on_road, planner: str) -> None:
     result = runner(root, planner).run(on_the_road(on_road, "plain"))
-    facts = consistent(result)
-    assert (result.outcome, result.error, result.detail) == (Outcome.ARRIVED, "", "")
+    facts = consistent(result, Outcome.ARRIVED)
+    assert (result.error, result.detail) == ("", "")
     last, before = facts.snapshots[-1].ego, facts.snapshots[-2].ego
     assert abs(last.s - 150.0) <= 5.0 < abs(before.s - 150.0)
     assert facts.route.remaining == pytest.approx(150.0 - last.s, abs=0.1)
@@ -85,8 +86,7 @@ def test_every_lane_of_the_destination_counts(root: Path, on_road) -> None:
 def test_collision_with_an_obstacle(root: Path, on_road) -> None:
     cones = world.obstacle(on_road.network, "road_1", 90.0)
     result = runner(root, "Straight").run(on_the_road(on_road, "cones", obstacles=[cones]))
-    facts = consistent(result)
-    assert result.outcome is Outcome.COLLISION
+    facts = consistent(result, Outcome.COLLISION)
     contact = facts.contact
     assert (contact.partner_kind, contact.partner, contact.at_fault) == ("obstacle", "obstacle_0", True)
     assert contact.step == facts.snapshots[-1].step
@@ -99,16 +99,13 @@ def test_collision_with_a_vehicle(root: Path, on_road) -> None:
     cars = [Car("bg_000", 0, 0.0, ("road",), 1, 70.0)]
     spec = on_the_road(on_road, "slow", cars=cars, drivers=[slow])
     result = runner(root, "Straight").run(spec)
-    facts = consistent(result)
-    assert result.outcome is Outcome.COLLISION
-    contact = facts.contact
-    assert (contact.partner_kind, contact.partner, contact.at_fault) == ("vehicle", "bg_000", True)
+    facts = consistent(result, Outcome.COLLISION)
+    assert (facts.contact.partner_kind, facts.contact.partner, facts.contact.at_fault) == ("vehicle", "bg_000", True)
 
 
 def test_off_road_sideways(root: Path, on_road) -> None:
     result = runner(root, "Swerve").run(on_the_road(on_road, "plain"))
-    facts = consistent(result)
-    assert result.outcome is Outcome.OFF_ROAD
+    facts = consistent(result, Outcome.OFF_ROAD)
     on_road_until = [s.ego.on_road for s in facts.snapshots]
     assert on_road_until == [True] * (len(on_road_until) - 1) + [False]
 
@@ -118,15 +115,13 @@ def test_off_the_end_of_the_map(root: Path, on_cross) -> None:
     start = EgoStart("w_in_0", 100.0, 10.0)
     spec = on_cross.make("over", start, Destination("n_out", 80.0), ("w_in", "n_out"), sign)
     result = runner(root, "Straight").run(spec)
-    facts = consistent(result)
-    assert result.outcome is Outcome.OFF_ROAD
+    facts = consistent(result, Outcome.OFF_ROAD)
     assert facts.snapshots[-1].ego.x == pytest.approx(150.0, abs=2.3)
 
 
 def test_timeout(root: Path, on_road) -> None:
     result = runner(root, "Stand").run(on_the_road(on_road, "short", horizon=30))
-    facts = consistent(result)
-    assert result.outcome is Outcome.TIMEOUT
+    facts = consistent(result, Outcome.TIMEOUT)
     assert len(facts.snapshots) == 31
     assert len(result.commands) == 30
 

@@ -40,11 +40,11 @@ def an_episode(violated: bool = True, ticks: int = 61) -> EpisodeFacts:
     return made.facts(egos, others, outcome=Outcome.ARRIVED, target=target)
 
 
-def put_trace(run: Path, planner: str, scenario: str, violated: bool = True, **other: Any) -> Path:
-    """Write a trace; the record says what it says. other: of its result."""
+def put_trace(run: Path, planner: str, scenario: str, facts: EpisodeFacts | None = None, **other: Any) -> Path:
+    """Write a trace; the record says what it says. facts: other than an_episode; other: of its result."""
     spec = replace(made.spec(scenario), map_id="map-1-0")
     path = trace_path(run, planner, scenario)
-    write_trace(path, made.result(an_episode(violated), planner, spec=spec, **other))
+    write_trace(path, made.result(facts or an_episode(), planner, spec=spec, **other))
     return path
 
 
@@ -58,7 +58,7 @@ def make_run(folder: Path, planners: tuple[str, ...] = PLANNERS, **other: Any) -
     run = run_builders.make_run(folder, rows, events=events, **other)
     for name in planners:
         for scenario in TRACED:
-            put_trace(run, name, scenario, violated=scenario == TRACED[0])
+            put_trace(run, name, scenario, an_episode(violated=scenario == TRACED[0]))
     return run
 
 

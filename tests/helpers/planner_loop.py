@@ -233,3 +233,13 @@ def verdict(world: World) -> Verdict:
     for snapshot in world.snapshots:
         monitor.update(snapshot)
     return monitor.finish()
+
+
+def plate(code: str, value: float | None, x: float = 130.0) -> SignView:
+    """A plate beside the long road, with all that it could be known by."""
+    return SignView(code, value, x, -6.0, 0.0, "ab", 0, x, 60.0)
+
+
+def long_road(*plates: SignView, speed: float = 50.0 / KMH, bodies: tuple[Body, ...] = ()) -> World:
+    """The long road, the ego 50 m along it, its destination at 300 m."""
+    return World(load("long"), "ab_0", 50.0, speed, Destination("ab", 300.0), list(bodies), signs=plates)

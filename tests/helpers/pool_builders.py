@@ -24,6 +24,8 @@ from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.catalog import load_catalog
 
+Networks = dict[str, RoadNetwork]
+
 
 @cache
 def recipe_of(type_id: str) -> Recipe:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import driver
 import pytest
-from patience import eventually
+from patience import HANG_S, eventually
 
 from tsbench.core.machine import children_of
 from tsbench.core.paths import data_root
@@ -112,9 +112,12 @@ class Bench:
             raise AssertionError(f"it did not come to {lines} episodes: {process.communicate()}") from None
         return process
 
-    def go(self) -> None:
-        """Let a paused run go on."""
+    def go(self, process: subprocess.Popen[str], expect: int = 0) -> tuple[str, str]:
+        """Let a paused run go on to its end, and say what it says. expect: the exit code that it has to end with."""
         Path(self.env["TSBENCH_TEST_MARK"]).with_suffix(".go").touch()
+        out, err = process.communicate(timeout=HANG_S)
+        assert process.returncode == expect, (out, err)
+        return out, err
 
     def run(self, *arguments: str, expect: int = 0, **env: str) -> subprocess.CompletedProcess[str]:
         """The same within this process, which has imported everything already."""

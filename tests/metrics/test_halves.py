@@ -59,12 +59,6 @@ def test_a_square_is_passed_where_both_its_pairs_are() -> None:
     assert scd(p, "paired_scd") == (50.0, 8)
 
 
-def test_what_passes_one_half_only_has_no_paired_scd() -> None:
-    rows = [r for k in range(8) for r in pair(True, False, map_id=f"m{k}")]
-    p = only(rows)
-    assert (scd(p, "paired_scd")[0], scd(p, "signed_scd")[0], scd(p, "contrast_scd")[0]) == (0.0, 100.0, 0.0)
-
-
 def test_paired_scd_is_over_the_types_that_have_pairs() -> None:
     rows = [*pair(kind="a", map_id="m0"), *pair(kind="a", contrast=False, map_id="m1"), *pair(kind="b")]
     rows += [row(kind="c", scd=False, map_id="m3")]
@@ -109,18 +103,16 @@ def test_one_half_alone_has_its_own_figure_only(half: str, part: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "words"),
-    [({"half": "signed"}, "has this half more than once"), ({"half": "left"}, "none of signed, contrast")],
+    ("rows", "words"),
+    [
+        ([pair()[0], pair()[1] | {"half": "signed"}], "has this half more than once"),
+        ([pair()[0], pair()[1] | {"half": "left"}], "none of signed, contrast"),
+        ([*pair(), row(map_id="m1") | {"pair_id": "yield-m0-0"}], "pair yield-m0-0 has this half more than once"),
+    ],
 )
-def test_impossible_halves_are_named(change: dict[str, str], words: str) -> None:
-    first, second = pair()
+def test_impossible_halves_are_named(rows: Rows, words: str) -> None:
     with pytest.raises(InputError, match=words):
-        only([first, second | change])
-
-
-def test_a_third_row_of_a_pair_is_named() -> None:
-    with pytest.raises(InputError, match=r"pair yield-m0-0 has this half more than once"):
-        only([*pair(), row(map_id="m1") | {"pair_id": "yield-m0-0"}])
+        only(rows)
 
 
 def random_pairs(seed: int, planner: str = "idm", errors: float = 0.1) -> Rows:

@@ -11,7 +11,6 @@ from learned_scenes import SPEED, Recorder, with_signs
 
 from tsbench.learn.rl.carl_planner import DRIVABLE, EGO, LIGHTS, LIMITS, OTHERS, ROUTE, STOPS, VEHICLES, RasterEncoder
 from tsbench.learn.rl.ppo_planner import NEIGHBOURS, RAYS, SIZE, VectorEncoder
-from tsbench.planners.observation import Observation
 
 
 @pytest.fixture
@@ -26,11 +25,6 @@ def rasters(drive: Recorder) -> RasterEncoder:
     encoder = RasterEncoder()
     encoder.reset(drive.context)
     return encoder
-
-
-def turned(o: Observation, angle: float) -> Observation:
-    """The same place, another heading."""
-    return replace(o, ego=replace(o.ego, heading=o.ego.heading + angle))
 
 
 def test_the_vector_has_its_layout(drive: Recorder, vectors: VectorEncoder) -> None:
@@ -92,7 +86,7 @@ def test_the_raster_shows_what_is_there(drive: Recorder, rasters: RasterEncoder)
 
 
 def test_the_raster_turns_with_the_ego(drive: Recorder, rasters: RasterEncoder) -> None:
-    o = turned(drive.seen[0], math.pi / 2)
+    o = replace(drive.seen[0], ego=replace(drive.seen[0].ego, heading=drive.seen[0].ego.heading + math.pi / 2))
     image = rasters.raster(o)
     # Heading left by 90 degrees, what was ahead is to the right; the walker on the right is behind.
     assert image[VEHICLES, 96, 64 + 45] > 150

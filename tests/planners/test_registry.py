@@ -63,8 +63,11 @@ OWN = [name for name in registry.names() if name not in FOREIGN]
 def test_every_registered_planner_loads(name: str) -> None:
     loaded = registry.resolve(name)
     assert loaded.name == loaded.spec == name
-    assert isinstance(loaded.factory(), Planner)
+    made, entry = loaded.factory(), registry.entry(name)
+    assert isinstance(made, Planner)
     assert loaded.privileged is (name.endswith("-e") or name in READERS)
+    assert getattr(made, "privileged", False) == entry.privileged
+    assert getattr(made, "sign_access", True) == entry.sign_access
 
 
 @pytest.mark.parametrize("name", FOREIGN)
@@ -139,13 +142,6 @@ def test_who_can_have_no_expert_says_why(
     monkeypatch.delitem(sys.modules, "bases", raising=False)
     with pytest.raises(InputError, match=words):
         registry.resolve(spec)
-
-
-def test_what_the_entry_says_is_what_the_class_says() -> None:
-    for name in OWN:
-        made = registry.resolve(name).factory()
-        assert getattr(made, "privileged", False) == registry.entry(name).privileged
-        assert getattr(made, "sign_access", True) == registry.entry(name).sign_access
 
 
 def test_a_class_by_module_file_and_a_function(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:

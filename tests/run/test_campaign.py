@@ -9,7 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from patience import HANG_S
 from run_helpers import Bench
 
 DEFAULTS = "defaults: {split: test, workers: 1, types: [speed_limit]}\n"
@@ -79,9 +78,7 @@ def test_a_run_is_that_of_the_command_and_is_driven_once(whole: Bench) -> None:
 def test_it_stops_at_ctrl_c_and_goes_on(whole: Bench) -> None:
     process = whole.start_paused(3, "campaign", "c.yaml", "--out", "stopped")
     process.send_signal(signal.SIGINT)
-    whole.go()
-    process.communicate(timeout=HANG_S)
-    assert process.returncode == 130
+    whole.go(process, expect=130)
     stopped = whole.folder / "stopped"
     assert manifest(stopped / "first")["status"] == "interrupted"
     assert [path.name for path in stopped.iterdir()] == ["first"]

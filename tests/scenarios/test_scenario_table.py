@@ -24,6 +24,11 @@ BASE = ScenarioSpec(
 )  # fmt: skip
 
 
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "t.parquet"
+
+
 def rows(n: int) -> list[ScenarioSpec]:
     return [replace(BASE, scenario_id=f"yield-j-1-v{k}", variant=k, seed=k) for k in range(n)]
 
@@ -48,8 +53,7 @@ SPECS = st.lists(
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=40)
 @given(SPECS)
-def test_round_trip_sorted_by_id(tmp_path: Path, specs: list[ScenarioSpec]) -> None:
-    path = tmp_path / "t.parquet"
+def test_round_trip_sorted_by_id(path: Path, specs: list[ScenarioSpec]) -> None:
     write_table(specs, path)
     assert read_table(path) == sorted(specs, key=lambda s: s.scenario_id)
     assert list(path.parent.iterdir()) == [path]
@@ -76,47 +80,31 @@ def refuse(path: Path) -> str:
         ({"additional": "scenes/../../x.add.xml"}, "outside the data folder"),
     ],
 )
-def test_a_row_that_cannot_be(tmp_path: Path, change: dict[str, object], words: str) -> None:
-    path = tmp_path / "t.parquet"
+def test_a_row_that_cannot_be(path: Path, change: dict[str, object], words: str) -> None:
     bad = rows(3)
     bad[1] = replace(bad[1], **change)  # type: ignore[arg-type]
     write_table(bad, path)
     assert words in refuse(path)
 
 
-def rewrite(path: Path, change: Callable[[pa.Table], pa.Table]) -> None:
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: t.replace_schema_metadata({"tsbench_schema": "7"}), "schema version 7, this tsbench reads 1"),
+        (lambda t: t.replace_schema_metadata(None), "schema version none"),
+        (lambda t: t.drop_columns(["net_sha256"]), "column 'net_sha256' is missing"),
+        (lambda t: t.set_column(t.schema.get_field_index("horizon"), "horizon", [["many", "few", "none"]]), ""),
+        (lambda t: t.set_column(t.schema.get_field_index("split"), "split", [["test", None, "test"]]), ""),
+    ],
+)
+def test_a_table_that_is_not_of_rows(path: Path, change: Callable[[pa.Table], pa.Table], words: str) -> None:
     write_table(rows(3), path)
-    table = change(pq.ParquetFile(path).read())
-    pq.write_table(table, path)
-
-
-def test_another_schema_version(tmp_path: Path) -> None:
-    path = tmp_path / "t.parquet"
-    rewrite(path, lambda t: t.replace_schema_metadata({"tsbench_schema": "7"}))
-    assert "schema version 7, this tsbench reads 1" in refuse(path)
-    rewrite(path, lambda t: t.replace_schema_metadata(None))
-    assert "schema version none" in refuse(path)
-
-
-def test_a_missing_column_and_one_of_another_type(tmp_path: Path) -> None:
-    path = tmp_path / "t.parquet"
-    rewrite(path, lambda t: t.drop_columns(["net_sha256"]))
-    assert "column 'net_sha256' is missing" in refuse(path)
-    words = pa.array(["many", "few", "none"])
-    rewrite(path, lambda t: t.set_column(t.schema.get_field_index("horizon"), "horizon", words))
-    refuse(path)
-
-
-def test_an_empty_cell(tmp_path: Path) -> None:
-    path = tmp_path / "t.parquet"
-    holes = pa.array(["test", None, "test"])
-    rewrite(path, lambda t: t.set_column(t.schema.get_field_index("split"), pa.field("split", pa.string()), holes))
-    refuse(path)
+    pq.write_table(change(pq.ParquetFile(path).read()), path)
+    assert words in refuse(path)
 
 
 @pytest.mark.parametrize("share", [0.05, 0.2, 0.5])
-def test_flipped_bytes_are_never_a_traceback(tmp_path: Path, share: float) -> None:
-    path = tmp_path / "t.parquet"
+def test_flipped_bytes_are_never_a_traceback(path: Path, share: float) -> None:
     write_table(rows(10), path)
     data = bytearray(path.read_bytes())
     at = int(len(data) * share)
@@ -136,15 +124,13 @@ def pair(number: int) -> list[ScenarioSpec]:
     return [signed, replace(signed, scenario_id=f"{name}-c", half="contrast", scenario_type="main_road")]
 
 
-def test_halves_of_a_pair_are_neighbours_and_come_back(tmp_path: Path) -> None:
-    path = tmp_path / "t.parquet"
+def test_halves_of_a_pair_are_neighbours_and_come_back(path: Path) -> None:
     write_table([*pair(1), *reversed(pair(0))], path)
     assert read_table(path) == [*pair(0), *pair(1)]
     assert {r.pair_type for r in read_table(path)} == {"yield"}
 
 
-def test_a_table_from_before_pairs_has_signed_rows_only(tmp_path: Path) -> None:
-    path = tmp_path / "t.parquet"
+def test_a_table_from_before_pairs_has_signed_rows_only(path: Path) -> None:
     write_table(rows(3), path)
     table = pq.read_table(path)
     assert table["pair_id"].null_count == 3
@@ -152,15 +138,13 @@ def test_a_table_from_before_pairs_has_signed_rows_only(tmp_path: Path) -> None:
     assert read_table(path) == rows(3)
 
 
-def test_the_place_of_a_map_comes_back(tmp_path: Path) -> None:
-    path = tmp_path / "t.parquet"
+def test_the_place_of_a_map_comes_back(path: Path) -> None:
     write_table([replace(BASE, place="p-j-1")], path)
     assert [row.place for row in read_table(path)] == ["p-j-1"]
 
 
 @pytest.mark.parametrize("wrong", [{"half": "other"}, {"half": "contrast"}, {"pair_id": "yield-j-2-v0"}])
-def test_a_half_that_contradicts_its_pair_is_an_error(tmp_path: Path, wrong: dict[str, str]) -> None:
-    path = tmp_path / "t.parquet"
+def test_a_half_that_contradicts_its_pair_is_an_error(path: Path, wrong: dict[str, str]) -> None:
     write_table([replace(BASE, **wrong)], path)
     with pytest.raises(InputError, match="is impossible"):
         read_table(path)

@@ -30,6 +30,8 @@ from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.ego import MAX_ACCEL_MPS2, MAX_DECEL_MPS2, MAX_STEER_RAD, Motion, advance
 from tsbench.sim.sumo import Simulation
 
+Driven = tuple[EpisodeResult, Recorded]
+
 
 @pytest.fixture(scope="module")
 def row() -> ScenarioSpec:
@@ -38,13 +40,11 @@ def row() -> ScenarioSpec:
 
 
 @pytest.fixture(scope="module")
-def drive(row: ScenarioSpec, sim: Simulation) -> tuple[EpisodeResult, Recorded]:
+def drive(row: ScenarioSpec, sim: Simulation) -> Driven:
     return recorded_drive("idm-s4-e", row, sim, SceneLoader(DataSet()))
 
 
-def test_a_replay_is_the_drive_bit_for_bit(
-    drive: tuple[EpisodeResult, Recorded], row: ScenarioSpec, sim: Simulation, tmp_path: Path
-) -> None:
+def test_a_replay_is_the_drive_bit_for_bit(drive: Driven, row: ScenarioSpec, sim: Simulation, tmp_path: Path) -> None:
     """From disk; what the expert announced is announced again, so others give way at the same ticks."""
     result, recorded = drive
     write_trajectories([recorded], tmp_path / "drives.parquet")
@@ -68,7 +68,7 @@ def test_a_replay_is_the_drive_bit_for_bit(
     ],
 )
 def test_another_drive_is_no_replay(
-    drive: tuple[EpisodeResult, Recorded], row: ScenarioSpec, sim: Simulation, change: dict[str, object], told: str
+    drive: Driven, row: ScenarioSpec, sim: Simulation, change: dict[str, object], told: str
 ) -> None:
     """The error says which drive, and in what it differs."""
     other = replace(drive[1], **change)  # type: ignore[arg-type]
@@ -76,7 +76,7 @@ def test_another_drive_is_no_replay(
         Replayer(sim, SceneLoader(DataSet())).replay(other, row)
 
 
-def test_the_table_gives_back_what_was_written(drive: tuple[EpisodeResult, Recorded], tmp_path: Path) -> None:
+def test_the_table_gives_back_what_was_written(drive: Driven, tmp_path: Path) -> None:
     first = drive[1]
     second = replace(first, rank=2, planner="idm-e", attempt=3, part="validation", intents=(), comfort=0.25)
     third = replace(first, scenario_id="a", commands=first.commands[:7], quality=None)

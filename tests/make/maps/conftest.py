@@ -10,6 +10,7 @@ import pytest
 from data_folder import in_force
 from town import make_town
 
+from tsbench.make import city as cities
 from tsbench.make.maps.source import SourceNetwork, load_source
 from tsbench.scenarios.data_set import DataSet
 
@@ -44,3 +45,12 @@ def osm_dir(workplace: Path) -> Path:
 @pytest.fixture(scope="module")
 def tiny(osm_dir: Path) -> SourceNetwork:
     return load_source(DataSet(), "tiny", osm_dir)
+
+
+@pytest.fixture
+def described(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder in force of descriptions of cities, which is empty."""
+    folder = tmp_path / "cities"
+    folder.mkdir()
+    monkeypatch.setattr(cities, "cities_folder", lambda: folder)
+    return folder

@@ -282,9 +282,7 @@ def test_across_the_date_line_is_near() -> None:
     assert not places.leaps([7, 99])
 
 
-def test_a_city_says_what_of_its_extract_is_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "cities").mkdir()
-    monkeypatch.setattr(cities, "cities_folder", lambda: tmp_path / "cities")
+def test_a_city_says_what_of_its_extract_is_left_out(described: Path, tmp_path: Path) -> None:
     town = Town()
     town.road([(0, 0), (300, 0)], "residential")
     null = '<node id="7" version="1" lat="0.0" lon="0"/></osm>'

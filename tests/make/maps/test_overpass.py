@@ -16,7 +16,6 @@ from serving import answer, serving
 from tsbench.cli.city import city
 from tsbench.cli.maps import maps
 from tsbench.core.errors import InputError
-from tsbench.make import city as cities
 from tsbench.make.city import load_city
 from tsbench.make.maps.extracts import address, fetch_extract, is_address, parse_box
 from tsbench.make.maps.osm import read_extract
@@ -24,6 +23,7 @@ from tsbench.make.maps.source import load_source
 from tsbench.scenarios.data_set import DataSet
 
 BOX = (11.5, 49.9, 11.6, 50.0)
+BBOX = ("--bbox", "11.5,49.9,11.6,50.0")
 ROADS = """<node id="1" lat="49.95" lon="11.55"><tag k="highway" v="traffic_signals"/></node>
 <node id="2" lat="49.96" lon="11.55"/>
 <way id="9"><nd ref="1"/><nd ref="2"/><tag k="highway" v="residential"/></way>"""
@@ -112,12 +112,9 @@ def test_no_server_is_one_line(tmp_path: Path) -> None:
 
 
 def test_a_new_city_is_fetched_described_and_fetched_again(
-    server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    server: str, described: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    described, osm = tmp_path / "cities", tmp_path / "osm"
-    described.mkdir()
-    monkeypatch.setattr(cities, "cities_folder", lambda: described)
-    where = ("--bbox", "11.5,49.9,11.6,50.0", "--server", server)
+    osm, where = tmp_path / "osm", (*BBOX, "--server", server)
     call("city", "new", "here", *where, "--country", "de", "--osm", str(osm), "--date", "2024-02-29")
     made = load_city("here")
     (extract,) = made.extracts
@@ -138,7 +135,7 @@ def test_a_new_city_is_fetched_described_and_fetched_again(
 
 
 def test_a_new_city_on_a_zones_border_is_in_the_frame_of_its_extract(
-    server: str, workplace: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    server: str, workplace: Path, described: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The middle of the box and the first node are of zone 33, most nodes of zone 32."""
     places = (12.001, 11.991, 11.995, 11.999)
@@ -147,8 +144,6 @@ def test_a_new_city_on_a_zones_border_is_in_the_frame_of_its_extract(
         "".join(f'<nd ref="{k}"/>' for k in (1, 4, 3, 2))
     )
     monkeypatch.setattr(Overpass, "body", nodes + way)
-    (tmp_path / "cities").mkdir()
-    monkeypatch.setattr(cities, "cities_folder", lambda: tmp_path / "cities")
     where = ("--bbox", "11.99,49.9,12.02,50.0", "--server", server, "--osm", str(tmp_path))
     call("city", "new", "edge", *where, "--country", "de", "--date", "2024-02-29")
     made = load_city("edge")
@@ -159,26 +154,22 @@ def test_a_new_city_on_a_zones_border_is_in_the_frame_of_its_extract(
 
 @pytest.mark.parametrize(("country", "side"), [("GB", "left"), ("ie", "left"), ("in", "left"), ("NO", "right")])
 def test_a_new_city_keeps_to_the_side_of_its_country(
-    server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, country: str, side: str
+    server: str, described: Path, tmp_path: Path, country: str, side: str
 ) -> None:
-    monkeypatch.setattr(cities, "cities_folder", lambda: tmp_path)
-    where = ("--bbox", "11.5,49.9,11.6,50.0", "--server", server, "--osm", str(tmp_path))
+    where = (*BBOX, "--server", server, "--osm", str(tmp_path))
     call("city", "new", "here", *where, "--country", country)
     assert (load_city("here").country, load_city("here").side) == (country.lower(), side)
 
 
 @pytest.mark.parametrize("country", ["uk", "zz", "", "deu"])
-def test_what_is_no_country_is_not_fetched(
-    server: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, country: str
-) -> None:
-    monkeypatch.setattr(cities, "cities_folder", lambda: tmp_path)
-    where = ("--bbox", "11.5,49.9,11.6,50.0", "--server", server, "--osm", str(tmp_path))
+def test_what_is_no_country_is_not_fetched(server: str, described: Path, tmp_path: Path, country: str) -> None:
+    where = (*BBOX, "--server", server, "--osm", str(tmp_path))
     with pytest.raises(InputError, match=f"^--country: '{country}' is no country's code: write its two letters"):
         call("city", "new", "here", *where, "--country", country)
-    assert (Overpass.asked, list(tmp_path.iterdir())) == ([], [])
+    assert (Overpass.asked, list(tmp_path.iterdir()), list(described.iterdir())) == ([], [described], [])
 
 
 def test_a_box_from_the_command_line(server: str, tmp_path: Path) -> None:
-    where = ("--bbox", "11.5,49.9,11.6,50.0", "--server", server, "--out", str(tmp_path))
+    where = (*BBOX, "--server", server, "--out", str(tmp_path))
     assert str(tmp_path / "town.osm.gz") in call("fetch", "fetch", "town", *where)
     assert parse_box("11.5,49.9,11.6,50.0") == BOX

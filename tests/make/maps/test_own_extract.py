@@ -12,7 +12,6 @@ from command_line import one_line
 
 from tsbench.cli import cli
 from tsbench.core.errors import InputError
-from tsbench.make import city as cities
 from tsbench.make.city import City, check_extract, load_city
 from tsbench.make.maps.own_extract import date_of
 
@@ -24,14 +23,6 @@ def extract(path: Path, head: str = "", stamp: str = "") -> Path:
     text = f'<osm version="0.6">{head}{NODES.format(stamp, "")}{WAY}</osm>'.encode()
     path.write_bytes(gzip.compress(text) if path.suffix == ".gz" else text)
     return path
-
-
-@pytest.fixture
-def described(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    folder = tmp_path / "cities"
-    folder.mkdir()
-    monkeypatch.setattr(cities, "cities_folder", lambda: folder)
-    return folder
 
 
 def new(name: str, *options: object) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from patience import HANG_S
-from pool_builders import built_site, corridor, prepared, recipe_of, scene_task, signed_half
+from pool_builders import Networks, built_site, corridor, prepared, recipe_of, scene_task, signed_half
 from simworld import LIMIT, driven, loader_of, simulation
 
 from tsbench.make.certify.certifier import Certifier
@@ -63,7 +63,7 @@ def road(name: str) -> tuple[PoolRow, PlainNet]:
 
 
 @pytest.fixture(scope="module")
-def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[str, RoadNetwork]:
+def networks(tmp_path_factory: pytest.TempPathFactory) -> Networks:
     folder = tmp_path_factory.mktemp("crosswalk")
     return {name: prepared(folder, "crosswalk", *road(name)) for name in LINES}
 
@@ -73,13 +73,13 @@ def first_crossing(network: RoadNetwork) -> Crossing:
     return next(c for c in network.crossings.values() if "road.0" in c.edges)
 
 
-def place(networks: dict[str, RoadNetwork], name: str, layout: int = 0, seed: int = 1) -> Arrangement:
+def place(networks: Networks, name: str, layout: int = 0, seed: int = 1) -> Arrangement:
     variant = Variant(1, 90.0, 4.0, 7.75, 0, layout)
     return signed_half(scene_task(road(name)[0], networks[name], recipe_of("crosswalk"), variant, seed))
 
 
 @pytest.mark.parametrize("name", LINES)
-def test_the_whole_road_is_crossed_and_lanes_keep_their_numbers(networks: dict[str, RoadNetwork], name: str) -> None:
+def test_the_whole_road_is_crossed_and_lanes_keep_their_numbers(networks: Networks, name: str) -> None:
     network, (_, lanes, back) = networks[name], LINES[name]
     crossing = first_crossing(network)
     assert {c.width for c in network.crossings.values()} == {4.0}
@@ -106,7 +106,7 @@ def test_the_whole_road_is_crossed_and_lanes_keep_their_numbers(networks: dict[s
         assert math.dist(path.line.points[-1], kerb) < 3.0
 
 
-def test_planners_are_told_both_crossings_of_a_road(networks: dict[str, RoadNetwork]) -> None:
+def test_planners_are_told_both_crossings_of_a_road(networks: Networks) -> None:
     network = networks["two_way"]
     told = build_planner_map(network).map.crossings
     lines = sorted(c.line.points.tolist() for c in told.values())
@@ -116,7 +116,7 @@ def test_planners_are_told_both_crossings_of_a_road(networks: dict[str, RoadNetw
 
 @pytest.mark.parametrize("name", LINES)
 @pytest.mark.parametrize("layout", range(6))
-def test_people_come_as_the_preset_says(networks: dict[str, RoadNetwork], name: str, layout: int) -> None:
+def test_people_come_as_the_preset_says(networks: Networks, name: str, layout: int) -> None:
     preset = recipe_of("crosswalk").choices["presets"][layout % 5]
     network = networks[name]
     crossing = first_crossing(network)
@@ -153,7 +153,7 @@ def test_people_come_as_the_preset_says(networks: dict[str, RoadNetwork], name: 
 
 @pytest.mark.parametrize("name", LINES)
 @pytest.mark.parametrize("seed", range(6))
-def test_the_first_is_on_the_road_when_the_ego_is_there(networks: dict[str, RoadNetwork], name: str, seed: int) -> None:
+def test_the_first_is_on_the_road_when_the_ego_is_there(networks: Networks, name: str, seed: int) -> None:
     network = networks[name]
     a = place(networks, name, seed, seed)
     crossing, sign = first_crossing(network), a.signs[0]
@@ -175,7 +175,7 @@ def test_the_first_is_on_the_road_when_the_ego_is_there(networks: dict[str, Road
     assert 0.0 <= waits.pop() < 20.0
 
 
-def test_a_bend_before_the_crossing_is_reckoned_with(networks: dict[str, RoadNetwork]) -> None:
+def test_a_bend_before_the_crossing_is_reckoned_with(networks: Networks) -> None:
     def allowed(name: str) -> float:
         lane = networks[name].lane("road.0_0")
         onward = networks[name].lanes[networks[name].outgoing[lane.index][0].to_lane]

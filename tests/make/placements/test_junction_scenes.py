@@ -41,18 +41,19 @@ def tee() -> tuple[PoolRow, PlainNet]:
 
 MAPS = {"X": (crossroads(), cross_plain()), "T": tee()}
 Key = tuple[str, str]
+Crossroads, Exchanged = dict[Key, RoadNetwork], dict[tuple[Key, float], RoadNetwork]
 # On a T no opposite approach has the other half's plate of `secondary_road`.
 KEYS: list[Key] = [(t, shape) for t in TYPES for shape in MAPS if (t, shape) != ("secondary_road", "T")]
 
 
 @pytest.fixture(scope="module")
-def networks(tmp_path_factory: pytest.TempPathFactory) -> dict[Key, RoadNetwork]:
+def networks(tmp_path_factory: pytest.TempPathFactory) -> Crossroads:
     """Each map as each type's placement prepares it."""
     folder = tmp_path_factory.mktemp("junctions")
     return {(type_id, shape): prepared(folder, type_id, *MAPS[shape]) for type_id, shape in KEYS}
 
 
-def place(networks: dict[Key, RoadNetwork], key: Key, layout: int, seed: int = 1) -> Arrangement:
+def place(networks: Crossroads, key: Key, layout: int, seed: int = 1) -> Arrangement:
     return signed_half(task_of(networks[key], key, layout, seed))
 
 
@@ -63,7 +64,7 @@ def task_of(network: RoadNetwork, key: Key, layout: int, seed: int = 1, empty_sh
 
 
 @pytest.fixture(scope="module")
-def contrast_networks(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[Key, float], RoadNetwork]:
+def contrast_networks(tmp_path_factory: pytest.TempPathFactory) -> Exchanged:
     """Each map as the contrast half has it, by the share of maps on which nobody comes."""
     folder, built = tmp_path_factory.mktemp("contrasts"), {}
     for key in KEYS:
@@ -78,11 +79,7 @@ def contrast_networks(tmp_path_factory: pytest.TempPathFactory) -> dict[tuple[Ke
 
 
 def halves(
-    networks: dict[Key, RoadNetwork],
-    others: dict[tuple[Key, float], RoadNetwork],
-    key: Key,
-    layout: int,
-    empty_share: float = 0.0,
+    networks: Crossroads, others: Exchanged, key: Key, layout: int, empty_share: float = 0.0
 ) -> tuple[Arrangement, Arrangement]:
     placement = placement_of(recipe_of(key[0]))
     signed = placement.place(task_of(networks[key], key, layout, empty_share=empty_share))
@@ -106,9 +103,7 @@ def paths(network: RoadNetwork, a: Arrangement) -> tuple[Connection, Connection]
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("key", KEYS)
-def test_the_convoy_meets_the_ego_and_sumo_lets_it_go_first(
-    networks: dict[Key, RoadNetwork], key: Key, layout: int
-) -> None:
+def test_the_convoy_meets_the_ego_and_sumo_lets_it_go_first(networks: Crossroads, key: Key, layout: int) -> None:
     network, recipe = networks[key], recipe_of(key[0])
     a = place(networks, key, layout)
     convoy, target = a.convoy, a.signs[0]
@@ -137,7 +132,7 @@ def test_the_convoy_meets_the_ego_and_sumo_lets_it_go_first(
 
 
 @pytest.mark.parametrize("key", KEYS)
-def test_every_vehicle_with_priority_has_it_in_sumo_too(networks: dict[Key, RoadNetwork], key: Key) -> None:
+def test_every_vehicle_with_priority_has_it_in_sumo_too(networks: Crossroads, key: Key) -> None:
     """All pairs of paths, not only the convoy's: where they conflict, those of `main_in` never wait for the ego's."""
     network = networks[key]
     params = place(networks, key, 0).signs[0].params
@@ -148,7 +143,7 @@ def test_every_vehicle_with_priority_has_it_in_sumo_too(networks: dict[Key, Road
 
 
 @pytest.mark.parametrize("key", KEYS)
-def test_layouts_differ(networks: dict[Key, RoadNetwork], key: Key) -> None:
+def test_layouts_differ(networks: Crossroads, key: Key) -> None:
     scenes = [place(networks, key, layout) for layout in LAYOUTS]
     seen = {(a.destination.edge, a.convoy.edges) for a in scenes if a.convoy is not None}
     # Where a T's main road bends, the ego meets the other main arm on one of its ways only.
@@ -188,7 +183,7 @@ def test_a_main_road_bends_along_its_higher_class() -> None:
         assert (chosen.ego_in, chosen.prior_in) == (f"{one}_in", (f"{other}_in",))
 
 
-def test_plates_of_a_secondary_road_face_the_convoy_and_the_opposite_approach(networks: dict[Key, RoadNetwork]) -> None:
+def test_plates_of_a_secondary_road_face_the_convoy_and_the_opposite_approach(networks: Crossroads) -> None:
     for layout in LAYOUTS:
         a = place(networks, ("secondary_road", "X"), layout)
         met = a.convoy.edges[0]
@@ -200,7 +195,7 @@ def test_plates_of_a_secondary_road_face_the_convoy_and_the_opposite_approach(ne
 
 
 @pytest.mark.parametrize(("type_id", "code"), [("yield", "2.4"), ("stop", "2.5"), ("main_road", "2.1")])
-def test_the_plate_stands_at_the_egos_line(networks: dict[Key, RoadNetwork], type_id: str, code: str) -> None:
+def test_the_plate_stands_at_the_egos_line(networks: Crossroads, type_id: str, code: str) -> None:
     recipe = recipe_of(type_id)
     for shape in MAPS:
         a = place(networks, (type_id, shape), 0)
@@ -210,7 +205,7 @@ def test_the_plate_stands_at_the_egos_line(networks: dict[Key, RoadNetwork], typ
         assert sign.position_m == pytest.approx(end - recipe.number("plate_before_line_m"))
 
 
-def test_the_other_arms_of_a_bend_are_told_by_plates_that_bind_nobody_watched(networks: dict[Key, RoadNetwork]) -> None:
+def test_the_other_arms_of_a_bend_are_told_by_plates_that_bind_nobody_watched(networks: Crossroads) -> None:
     a = place(networks, ("main_road", "X"), 0)
     target, *others = a.signs
     told = {s.edge: s.code for s in others}
@@ -221,7 +216,7 @@ def test_the_other_arms_of_a_bend_are_told_by_plates_that_bind_nobody_watched(ne
     assert all(s.params is None and s.role == "distractor" for s in others)
 
 
-def test_a_car_waits_on_a_secondary_arm_now_and_then(networks: dict[Key, RoadNetwork]) -> None:
+def test_a_car_waits_on_a_secondary_arm_now_and_then(networks: Crossroads) -> None:
     share = recipe_of("main_road").number("waiting_share")
     scenes = [place(networks, ("main_road", "X"), 0, seed) for seed in range(120)]
     waiting = [a.extra for a in scenes if a.extra]
@@ -232,13 +227,13 @@ def test_a_car_waits_on_a_secondary_arm_now_and_then(networks: dict[Key, RoadNet
     assert not any(place(networks, ("yield", "X"), 0, seed).extra for seed in range(20))
 
 
-def test_nobody_turns_off_the_main_road_where_it_has_to_wait(networks: dict[Key, RoadNetwork]) -> None:
+def test_nobody_turns_off_the_main_road_where_it_has_to_wait(networks: Crossroads) -> None:
     assert place(networks, ("yield", "X"), 0).avoid_turns == {("w_in", "n_out"), ("e_in", "s_out")}
     assert place(networks, ("yield", "T"), 0).avoid_turns == {("e_in", "s_out")}
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_secondary_arms_that_would_go_before_the_ego(networks: dict[Key, RoadNetwork], layout: int) -> None:
+def test_secondary_arms_that_would_go_before_the_ego(networks: Crossroads, layout: int) -> None:
     for type_id in TYPES:
         network, a = networks[type_id, "X"], place(networks, (type_id, "X"), layout)
         ego, _ = paths(network, a)
@@ -259,7 +254,7 @@ def test_secondary_arms_that_would_go_before_the_ego(networks: dict[Key, RoadNet
         assert a.quiet_s > 60.0 / 16.67
 
 
-def test_all_minor_arms_stop_at_a_stop(networks: dict[Key, RoadNetwork]) -> None:
+def test_all_minor_arms_stop_at_a_stop(networks: Crossroads) -> None:
     network = networks["stop", "X"]
     states = {e: {c.state for c in network.outgoing[network.edges[e].lanes[0]]} for e in ("s_in", "n_in")}
     assert states == {"s_in": {"s"}, "n_in": {"s"}}
@@ -283,7 +278,7 @@ NEW_PLATES = {
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("key", KEYS)
 def test_in_the_contrast_half_the_convoy_gives_way(
-    networks: dict[Key, RoadNetwork], contrast_networks: dict[tuple[Key, float], RoadNetwork], key: Key, layout: int
+    networks: Crossroads, contrast_networks: Exchanged, key: Key, layout: int
 ) -> None:
     signed, other = halves(networks, contrast_networks, key, layout)
     network = contrast_networks[key, 0.0]
@@ -317,7 +312,7 @@ def test_in_the_contrast_half_the_convoy_gives_way(
 
 @pytest.mark.parametrize("key", KEYS)
 def test_no_planner_sees_the_exchange_of_priorities(
-    networks: dict[Key, RoadNetwork], contrast_networks: dict[tuple[Key, float], RoadNetwork], key: Key
+    networks: Crossroads, contrast_networks: Exchanged, key: Key
 ) -> None:
     seen = [build_planner_map(network).map for network in (networks[key], contrast_networks[key, 0.0])]
     assert [(a.id, a.line.points.tobytes(), a.width, a.speed) for a in seen[0].lanes] == [
@@ -329,7 +324,7 @@ def test_no_planner_sees_the_exchange_of_priorities(
 
 @pytest.mark.parametrize("shape", MAPS)
 def test_where_nobody_comes_to_a_stop_the_other_plate_asks_for_none(
-    networks: dict[Key, RoadNetwork], contrast_networks: dict[tuple[Key, float], RoadNetwork], shape: str
+    networks: Crossroads, contrast_networks: Exchanged, shape: str
 ) -> None:
     key = ("stop", shape)
     signed, other = halves(networks, contrast_networks, key, 0, empty_share=1.0)
@@ -346,9 +341,7 @@ def test_where_nobody_comes_to_a_stop_the_other_plate_asks_for_none(
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("key", KEYS)
-def test_the_convoy_shows_what_it_does_when_the_ego_is_at_its_line(
-    networks: dict[Key, RoadNetwork], key: Key, layout: int
-) -> None:
+def test_the_convoy_shows_what_it_does_when_the_ego_is_at_its_line(networks: Crossroads, key: Key, layout: int) -> None:
     recipe, a = recipe_of(key[0]), place(networks, key, layout)
     convoy = a.convoy
     assert convoy.abrupt
@@ -376,9 +369,7 @@ def test_the_convoy_shows_what_it_does_when_the_ego_is_at_its_line(
         ("convoy_shows_s", 9.0, "shows what it does before the ego is at its line"),
     ],
 )
-def test_a_convoy_that_cannot_meet_the_ego_is_none(
-    networks: dict[Key, RoadNetwork], number: str, value: float, words: str
-) -> None:
+def test_a_convoy_that_cannot_meet_the_ego_is_none(networks: Crossroads, number: str, value: float, words: str) -> None:
     key = ("yield", "X")
     task = task_of(networks[key], key, 0)
     other = replace(task.recipe, numbers={**task.recipe.numbers, number: value})

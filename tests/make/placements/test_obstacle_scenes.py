@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from lxml import etree
-from pool_builders import built_site, corridor, crossroads, halves_of, recipe_of, scene_task, signed_half
+from pool_builders import Networks, built_site, corridor, crossroads, halves_of, recipe_of, scene_task, signed_half
 from simworld import LIMIT, cross_plain, driven, loader_of, road_plain
 
 from tsbench.episode.outcome import Contact, Outcome
@@ -19,7 +19,7 @@ from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapEr
 from tsbench.make.scenes.recipe import Variant, variants_of
 from tsbench.make.scenes.verify import lint_scene
 from tsbench.roads.lane_graph import LaneGraph
-from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.roads.network import read_network
 from tsbench.run.log.record import Row, score
 from tsbench.run.rescore import Judge
 from tsbench.scenarios.data_set import DataSet
@@ -36,18 +36,18 @@ ROAD: tuple[PoolRow, PlainNet] = (corridor(speed=LIMIT), road_plain())
 MAPS = {**dict.fromkeys(DETOURS, ROAD), "blocked_road": (crossroads(), cross_plain())}
 
 
-def task_of(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> SceneTask:
+def task_of(networks: Networks, type_id: str, layout: int) -> SceneTask:
     variant = Variant(1, 90.0, 4.0, 7.75, 0, layout)
     return scene_task(MAPS[type_id][0], networks[type_id], recipe_of(type_id), variant, seed=layout)
 
 
-def place(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> Arrangement:
+def place(networks: Networks, type_id: str, layout: int) -> Arrangement:
     return signed_half(task_of(networks, type_id, layout))
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("type_id", DETOURS)
-def test_detour(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> None:
+def test_detour(networks: Networks, type_id: str, layout: int) -> None:
     network, recipe = networks[type_id], recipe_of(type_id)
     a = place(networks, type_id, layout)
     thing, *passed = a.obstacles
@@ -77,7 +77,7 @@ def test_detour(networks: dict[str, RoadNetwork], type_id: str, layout: int) -> 
 
 @pytest.mark.parametrize(("type_id", "code"), [("detour_right", "4.2.2"), ("detour_left", "4.2.1")])
 def test_the_contrast_half_of_a_detour_exchanges_the_plates_of_two_obstacles(
-    networks: dict[str, RoadNetwork], type_id: str, code: str
+    networks: Networks, type_id: str, code: str
 ) -> None:
     signed, contrast = halves_of(task_of(networks, type_id, 1))
     target, other = signed.signs
@@ -86,7 +86,7 @@ def test_the_contrast_half_of_a_detour_exchanges_the_plates_of_two_obstacles(
     assert contrast == replace(signed, signs=plates)
 
 
-def test_what_allows_both_sides_has_no_contrast_half(networks: dict[str, RoadNetwork]) -> None:
+def test_what_allows_both_sides_has_no_contrast_half(networks: Networks) -> None:
     task = task_of(networks, "detour_either", 1)
     placement = placement_of(task.recipe)
     assert not task.recipe.paired
@@ -101,7 +101,7 @@ def test_a_road_of_two_lanes_takes_no_detour(type_id: str) -> None:
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_blocked_road(networks: dict[str, RoadNetwork], layout: int) -> None:
+def test_blocked_road(networks: Networks, layout: int) -> None:
     network, recipe = networks["blocked_road"], recipe_of("blocked_road")
     graph, a = LaneGraph(network), place(networks, "blocked_road", layout)
     lane, (sign, other) = network.lane(a.start.lane), a.signs
@@ -128,9 +128,7 @@ def test_blocked_road(networks: dict[str, RoadNetwork], layout: int) -> None:
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_the_contrast_half_of_a_blocked_road_exchanges_its_plates(
-    networks: dict[str, RoadNetwork], layout: int
-) -> None:
+def test_the_contrast_half_of_a_blocked_road_exchanges_its_plates(networks: Networks, layout: int) -> None:
     task = task_of(networks, "blocked_road", layout)
     signed, a = halves_of(task)
     assert replace(a, signs=signed.signs, targets=signed.targets, contrast=()) == signed
@@ -151,12 +149,12 @@ def test_the_contrast_half_of_a_blocked_road_exchanges_its_plates(
     }
 
 
-def test_the_closed_exit_varies(networks: dict[str, RoadNetwork]) -> None:
+def test_the_closed_exit_varies(networks: Networks) -> None:
     hints = {place(networks, "blocked_road", layout).route_hint for layout in LAYOUTS}
     assert len(hints) == 6
 
 
-def test_an_exit_that_is_short_or_one_of_two_is_not_closed(networks: dict[str, RoadNetwork], tmp_path: Path) -> None:
+def test_an_exit_that_is_short_or_one_of_two_is_not_closed(networks: Networks, tmp_path: Path) -> None:
     recipe, (row, crop) = recipe_of("blocked_road"), MAPS["blocked_road"]
     short = replace(recipe, numbers={**recipe.numbers, "least_exit_m": 500})
     # A main road with nothing but a one-way street into it: who drives along it can't leave it.
@@ -176,8 +174,11 @@ def test_an_exit_that_is_short_or_one_of_two_is_not_closed(networks: dict[str, R
             signed_half(task)
 
 
+Site = tuple[Path, dict[str, tuple[ScenarioSpec, ...]]]
+
+
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, tuple[ScenarioSpec, ...]]]:
+def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
     """Variant 0 and one in thin traffic of every type here, signed, by type, from the hand-made maps."""
     root, rows = tmp_path_factory.mktemp("sites"), {}
 
@@ -194,9 +195,7 @@ def routes_of(root: etree._Element) -> list[list[str]]:
     return [str(v.find("route").attrib["edges"]).split() for v in cars]  # type: ignore[union-attr]
 
 
-def test_scenes_are_sound_and_nobody_else_enters_the_closed_road(
-    site: tuple[Path, dict[str, tuple[ScenarioSpec, ...]]],
-) -> None:
+def test_scenes_are_sound_and_nobody_else_enters_the_closed_road(site: Site) -> None:
     root, rows = site
     for type_id, specs in rows.items():
         for spec in specs:
@@ -221,7 +220,7 @@ def drive(root: Path, spec: ScenarioSpec, planner: str, folder: Path) -> tuple[T
 @pytest.mark.parametrize("type_id", MAPS)
 @pytest.mark.parametrize("variant", [0, 1])
 def test_the_expert_obeys_and_the_sign_blind_driver_does_not_arrive(
-    site: tuple[Path, dict[str, tuple[ScenarioSpec, ...]]], type_id: str, variant: int, tmp_path: Path
+    site: Site, type_id: str, variant: int, tmp_path: Path
 ) -> None:
     root, rows = site
     spec = rows[type_id][variant]
@@ -235,7 +234,7 @@ def test_the_expert_obeys_and_the_sign_blind_driver_does_not_arrive(
 
 
 def test_a_held_stop_is_judged_alike_from_the_trace(
-    site: tuple[Path, dict[str, tuple[ScenarioSpec, ...]]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     root, rows = site
     spec = rows["blocked_road"][1]

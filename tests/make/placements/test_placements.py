@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pool_builders import built_site, corridor, crossroads, recipe_of, scene_task, signed_half, two_way
+from pool_builders import Networks, built_site, corridor, crossroads, recipe_of, scene_task, signed_half, two_way
 from simworld import LIMIT, cross_plain, loader_of, road_plain
 from test_route_scenes import TYPES, ways
 
@@ -26,7 +26,6 @@ from tsbench.make.scenes.map_scenarios import MapScenarios
 from tsbench.make.scenes.recipe import Variant
 from tsbench.make.scenes.verify import lint_scene
 from tsbench.roads.lane_graph import LaneGraph
-from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.certificates import Certificate
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.spec import ScenarioSpec
@@ -47,7 +46,7 @@ MAPS: dict[str, tuple[PoolRow, PlainNet]] = {
 }
 
 
-def place(networks: dict[str, RoadNetwork], type_id: str, variant: Variant, seed: int = 1) -> Arrangement:
+def place(networks: Networks, type_id: str, variant: Variant, seed: int = 1) -> Arrangement:
     return signed_half(scene_task(MAPS[type_id][0], networks[type_id], recipe_of(type_id), variant, seed))
 
 
@@ -59,9 +58,7 @@ VARIANT = st.builds(
 
 @settings(deadline=None, max_examples=30)
 @given(st.sampled_from(sorted(MAPS)), VARIANT, st.integers(0, 1000))
-def test_what_holds_for_every_scene(
-    networks: dict[str, RoadNetwork], type_id: str, variant: Variant, seed: int
-) -> None:
+def test_what_holds_for_every_scene(networks: Networks, type_id: str, variant: Variant, seed: int) -> None:
     a, network = place(networks, type_id, variant, seed), networks[type_id]
     graph, start = LaneGraph(network), network.lane(a.start.lane)
     kind = load_catalog().type(type_id)
@@ -115,7 +112,7 @@ def test_a_cut_edge_is_the_same_road(cuts: list[float]) -> None:
     assert links == {(p, q, i, i) for p, q in pairwise(parts) for i in range(2)}
 
 
-def test_a_cut_road_keeps_its_lanes_in_line(networks: dict[str, RoadNetwork]) -> None:
+def test_a_cut_road_keeps_its_lanes_in_line(networks: Networks) -> None:
     network = networks["speed_limit"]
     for part, following in (("road.0", "road.1"), ("road.1", "road.2")):
         for a, b in zip(network.edge_lanes(part), network.edge_lanes(following), strict=True):
@@ -249,7 +246,7 @@ def test_a_square_is_two_pairs_that_differ_in_one_sign_each(type_id: str, tmp_pa
     assert posts[1:] == posts[:-1]
 
 
-def test_a_stop_is_made_for_where_no_vehicle_comes(networks: dict[str, RoadNetwork]) -> None:
+def test_a_stop_is_made_for_where_no_vehicle_comes(networks: Networks) -> None:
     network = networks["stop_and_no_turn"]
     a = place(networks, "stop_and_no_turn", Variant(1, 90.0, 4.0, 7.75, 0, 0))
     stop, ban = (next(p for p in a.signs if p.id == target) for target in a.targets)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pool_builders import built_site, corridor, halves_of, recipe_of, row, scene_task, signed_half, two_way
+from pool_builders import Networks, built_site, corridor, halves_of, recipe_of, row, scene_task, signed_half, two_way
 from simworld import CALM, LIMIT, edge, loader_of, plain, simulation
 
 from tsbench.make.maps.netconvert import build_net
@@ -21,7 +21,7 @@ from tsbench.make.placements.reserved_lane_scenes import contra_id, turn_leftmos
 from tsbench.make.scenes.recipe import Variant
 from tsbench.make.scenes.verify import lint_scene
 from tsbench.roads.lane_graph import LaneGraph
-from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.roads.network import read_network
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, TARGET
 from tsbench.signs.catalog import load_catalog
@@ -60,23 +60,19 @@ def users_of(type_id: str) -> str:
     return "bus" if type_id.startswith("bus") else "bicycle"
 
 
-def task_of(
-    networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, speed: float = 7.75, seed: int = 1
-) -> SceneTask:
+def task_of(networks: Networks, type_id: str, layout: int = 0, speed: float = 7.75, seed: int = 1) -> SceneTask:
     variant = Variant(1, (90.0, 120.0)[layout % 2], 4.0, speed, 0, layout)
     return scene_task(MAPS[type_id][0], networks[type_id], recipe_of(type_id), variant, seed)
 
 
-def place(
-    networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, speed: float = 7.75, seed: int = 1
-) -> Arrangement:
+def place(networks: Networks, type_id: str, layout: int = 0, speed: float = 7.75, seed: int = 1) -> Arrangement:
     return signed_half(task_of(networks, type_id, layout, speed, seed))
 
 
 @pytest.mark.parametrize("type_id", TYPES)
 @pytest.mark.parametrize("seed", range(6))
 def test_the_ego_starts_before_the_plate_in_the_lane_that_it_reserves(
-    networks: dict[str, RoadNetwork], type_id: str, seed: int
+    networks: Networks, type_id: str, seed: int
 ) -> None:
     network, recipe = networks[type_id], recipe_of(type_id)
     a = place(networks, type_id, seed, seed=seed)
@@ -101,7 +97,7 @@ def test_the_ego_starts_before_the_plate_in_the_lane_that_it_reserves(
 
 
 @pytest.mark.parametrize("type_id", TYPES)
-def test_navigation_leads_through_the_reserved_lane(networks: dict[str, RoadNetwork], type_id: str) -> None:
+def test_navigation_leads_through_the_reserved_lane(networks: Networks, type_id: str) -> None:
     network, a = networks[type_id], place(networks, type_id)
     graph, start = LaneGraph(network), network.lane(a.start.lane)
     assert a.route_hint == graph.route(start.edge, a.destination.edge)
@@ -118,7 +114,7 @@ def test_navigation_leads_through_the_reserved_lane(networks: dict[str, RoadNetw
 
 
 @pytest.mark.parametrize("type_id", SAME)
-def test_behind_the_zone_the_lane_is_everybodys(networks: dict[str, RoadNetwork], type_id: str) -> None:
+def test_behind_the_zone_the_lane_is_everybodys(networks: Networks, type_id: str) -> None:
     network, a = networks[type_id], place(networks, type_id)
     reserved = network.lane("road.1_0")
     assert a.signs[0].params.lanes == (reserved.id,)
@@ -128,9 +124,7 @@ def test_behind_the_zone_the_lane_is_everybodys(networks: dict[str, RoadNetwork]
 
 
 @pytest.mark.parametrize("type_id", AGAINST)
-def test_the_leftmost_lane_is_an_edge_of_its_own_the_other_way_round(
-    networks: dict[str, RoadNetwork], type_id: str
-) -> None:
+def test_the_leftmost_lane_is_an_edge_of_its_own_the_other_way_round(networks: Networks, type_id: str) -> None:
     network = networks[type_id]
     turned, zone, first = (network.edges[name] for name in (contra_id("e_out"), "e_out", "w_in"))
     assert (turned.source, turned.target) == (zone.target, zone.source)
@@ -164,9 +158,7 @@ def test_a_bent_road_stays_where_it_was(tmp_path: Path, spread: str) -> None:
 @pytest.mark.parametrize("type_id", AGAINST)
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("speed", [3.61, 7.75, 11.05])
-def test_users_meet_an_ego_that_stays_in_its_lane(
-    networks: dict[str, RoadNetwork], type_id: str, layout: int, speed: float
-) -> None:
+def test_users_meet_an_ego_that_stays_in_its_lane(networks: Networks, type_id: str, layout: int, speed: float) -> None:
     network, recipe = networks[type_id], recipe_of(type_id)
     a = place(networks, type_id, layout, speed, seed=layout)
     c = a.convoy
@@ -197,9 +189,7 @@ def test_users_meet_an_ego_that_stays_in_its_lane(
 
 @pytest.mark.parametrize("type_id", SAME)
 @pytest.mark.parametrize("layout", LAYOUTS)
-def test_users_come_towards_the_ego_on_the_oncoming_lane_alone(
-    networks: dict[str, RoadNetwork], type_id: str, layout: int
-) -> None:
+def test_users_come_towards_the_ego_on_the_oncoming_lane_alone(networks: Networks, type_id: str, layout: int) -> None:
     network, recipe = networks[type_id], recipe_of(type_id)
     a = place(networks, type_id, layout, seed=layout)
     assert a.convoy is None
@@ -219,7 +209,7 @@ def test_users_come_towards_the_ego_on_the_oncoming_lane_alone(
 
 
 @pytest.mark.parametrize("type_id", SAME)
-def test_the_halves_exchange_the_plates_of_the_two_posts(networks: dict[str, RoadNetwork], type_id: str) -> None:
+def test_the_halves_exchange_the_plates_of_the_two_posts(networks: Networks, type_id: str) -> None:
     task = task_of(networks, type_id)
     placement, (signed, a) = placement_of(task.recipe), halves_of(task)
     # Nothing but the plates differs: neither the network nor the users.

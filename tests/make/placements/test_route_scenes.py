@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pool_builders import dual_path, halves_of, prepared, recipe_of, scene_task, signed_half
+from pool_builders import Networks, dual_path, halves_of, prepared, recipe_of, scene_task, signed_half
 from simworld import CALM, edge, plain
 
 from tsbench.make.maps.plain import PlainNet, PlainNode
@@ -18,7 +18,6 @@ from tsbench.make.placements.placement import Arrangement, SceneTask, UnfitMapEr
 from tsbench.make.scenes.recipe import Variant
 from tsbench.make.scenes.traffic import Router, TrafficRequest, standing_cars
 from tsbench.roads.lane_graph import LaneGraph
-from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.rule_kinds import JunctionParams
@@ -61,21 +60,19 @@ def ways(slot: str, shape: str, longer_m: float = 0.0) -> tuple[PoolRow, PlainNe
 MAPS = {type_id: ways(*key) for type_id, key in TYPES.items()}
 
 
-def task_of(networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, **change: str) -> SceneTask:
+def task_of(networks: Networks, type_id: str, layout: int = 0, **change: str) -> SceneTask:
     row = replace(MAPS[type_id][0], **change)
     variant = Variant(1, 90.0, 4.0, 7.75, 0, layout, plate=layout)
     return scene_task(row, networks[type_id], recipe_of(type_id), variant, seed=layout)
 
 
-def place(networks: dict[str, RoadNetwork], type_id: str, layout: int = 0, **change: str) -> Arrangement:
+def place(networks: Networks, type_id: str, layout: int = 0, **change: str) -> Arrangement:
     return signed_half(task_of(networks, type_id, layout, **change))
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("type_id", TYPES)
-def test_navigation_leads_into_what_the_plate_prohibits(
-    networks: dict[str, RoadNetwork], type_id: str, layout: int
-) -> None:
+def test_navigation_leads_into_what_the_plate_prohibits(networks: Networks, type_id: str, layout: int) -> None:
     network, recipe = networks[type_id], recipe_of(type_id)
     a, graph = place(networks, type_id, layout), LaneGraph(networks[type_id])
     row = MAPS[type_id][0]
@@ -94,7 +91,7 @@ def test_navigation_leads_into_what_the_plate_prohibits(
 
 
 @pytest.mark.parametrize("type_id", sorted(set(TYPES) - {"no_entry"}))
-def test_the_plate_stands_before_the_junction(networks: dict[str, RoadNetwork], type_id: str) -> None:
+def test_the_plate_stands_before_the_junction(networks: Networks, type_id: str) -> None:
     sign = place(networks, type_id).signs[0]
     line = networks[type_id].edge_lanes("ab")[0].line
     assert (sign.edge, sign.params) == ("ab", JunctionParams("ab", "b"))
@@ -103,7 +100,7 @@ def test_the_plate_stands_before_the_junction(networks: dict[str, RoadNetwork], 
 
 
 @pytest.mark.parametrize("type_id", sorted(set(TYPES) - {"no_entry"}))
-def test_the_contrast_plate_can_stand_there(networks: dict[str, RoadNetwork], type_id: str) -> None:
+def test_the_contrast_plate_can_stand_there(networks: Networks, type_id: str) -> None:
     """5.7.x only on both halves of one-way types; elsewhere, where some plates permit a common way, these."""
     permitted = []
     for layout in LAYOUTS:
@@ -119,7 +116,7 @@ def test_the_contrast_plate_can_stand_there(networks: dict[str, RoadNetwork], ty
 
 
 @pytest.mark.parametrize("type_id", TYPES)
-def test_others_never_do_what_the_plate_prohibits(networks: dict[str, RoadNetwork], type_id: str) -> None:
+def test_others_never_do_what_the_plate_prohibits(networks: Networks, type_id: str) -> None:
     a, network = place(networks, type_id), networks[type_id]
     graph, rng = LaneGraph(network), np.random.default_rng(3)
     ask = TrafficRequest(
@@ -148,7 +145,7 @@ def test_others_never_do_what_the_plate_prohibits(networks: dict[str, RoadNetwor
 
 
 @pytest.mark.parametrize("type_id", TYPES)
-def test_on_either_way_nobody_goes_first(networks: dict[str, RoadNetwork], type_id: str) -> None:
+def test_on_either_way_nobody_goes_first(networks: Networks, type_id: str) -> None:
     network, a = networks[type_id], place(networks, type_id)
     graph = LaneGraph(network)
     for way in (a.route_hint, a.compliant_hint):
@@ -156,14 +153,14 @@ def test_on_either_way_nobody_goes_first(networks: dict[str, RoadNetwork], type_
 
 
 @pytest.mark.parametrize("type_id", TYPES)
-def test_nobody_waits_on_the_obedient_way_for_a_turn(networks: dict[str, RoadNetwork], type_id: str) -> None:
+def test_nobody_waits_on_the_obedient_way_for_a_turn(networks: Networks, type_id: str) -> None:
     a, graph = place(networks, type_id), LaneGraph(networks[type_id])
     for here in a.compliant_hint[:-1]:
         turns = {(here, x) for x in graph.successors(here)} - a.avoid_turns
         assert not any(waits(graph, *t, a.avoid_turns) for t in turns)
 
 
-def test_no_entry_stands_on_the_closed_edge(networks: dict[str, RoadNetwork]) -> None:
+def test_no_entry_stands_on_the_closed_edge(networks: Networks) -> None:
     a, recipe = place(networks, "no_entry"), recipe_of("no_entry")
     sign = a.signs[0]
     assert (sign.code, sign.edge) == ("3.1", "bp")
@@ -175,7 +172,7 @@ def test_no_entry_stands_on_the_closed_edge(networks: dict[str, RoadNetwork]) ->
 
 
 @pytest.mark.parametrize("type_id", ["one_way_right", "one_way_left"])
-def test_the_crossing_road_has_both_directions(networks: dict[str, RoadNetwork], type_id: str) -> None:
+def test_the_crossing_road_has_both_directions(networks: Networks, type_id: str) -> None:
     """Which way it runs, only the plate says."""
     arm = "q" if type_id == "one_way_right" else "t"
     assert {f"b{arm}", f"{arm}b", "bp", "pb"} <= set(networks[type_id].edges)
@@ -189,7 +186,7 @@ def test_a_one_way_road_has_to_go_on() -> None:
         placement_of(recipe).prepare(row, without, recipe)
 
 
-def test_a_road_of_two_lanes_is_not_sent_into_one_of_one(networks: dict[str, RoadNetwork], tmp_path: Path) -> None:
+def test_a_road_of_two_lanes_is_not_sent_into_one_of_one(networks: Networks, tmp_path: Path) -> None:
     row, crop = ways(*TYPES["no_turn_left"])
     wide = replace(crop, edges=tuple(replace(e, num_lanes=2) if e.id == "ab" else e for e in crop.edges))
     network = prepared(tmp_path, "no_turn_left", row, wide)
@@ -197,14 +194,12 @@ def test_a_road_of_two_lanes_is_not_sent_into_one_of_one(networks: dict[str, Roa
         place(networks | {"no_turn_left": network}, "no_turn_left")
 
 
-def test_a_way_in_another_direction_than_its_slot_is_unfit(networks: dict[str, RoadNetwork]) -> None:
+def test_a_way_in_another_direction_than_its_slot_is_unfit(networks: Networks) -> None:
     with pytest.raises(UnfitMapError, match="slot r_s, but the way over bp goes left"):
         place(networks, "no_turn_left", slot="r_s")
 
 
-def test_a_way_on_which_others_go_first_is_unfit(
-    networks: dict[str, RoadNetwork], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_way_on_which_others_go_first_is_unfit(networks: Networks, monkeypatch: pytest.MonkeyPatch) -> None:
     network = networks["no_turn_left"]
     lanes = network.lanes
     first = next(c.via[0] for c in network.connections if c.state == "M" and lanes[c.from_lane].edge == "bq")
@@ -216,9 +211,7 @@ def test_a_way_on_which_others_go_first_is_unfit(
         place(networks, "no_turn_left")
 
 
-def test_a_turn_that_sumo_calls_by_another_name_is_unfit(
-    networks: dict[str, RoadNetwork], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_turn_that_sumo_calls_by_another_name_is_unfit(networks: Networks, monkeypatch: pytest.MonkeyPatch) -> None:
     network = networks["no_turn_left"]
     other = tuple(replace(c, direction="s" if c.direction == "r" else c.direction) for c in network.connections)
     monkeypatch.setitem(networks, "no_turn_left", replace(network, connections=other))

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from pool_builders import built_site, corridor, halves_of, recipe_of, scene_task, signed_half, two_way
+from pool_builders import Networks, built_site, corridor, halves_of, recipe_of, scene_task, signed_half, two_way
 from simworld import CALM, FAST, LIMIT, loader_of
 
 from tsbench.make.maps.netconvert import build_net
@@ -18,7 +18,7 @@ from tsbench.make.scenes.plate_surroundings import scene_vehicles
 from tsbench.make.scenes.recipe import INITIAL_SPEEDS_MPS, Variant
 from tsbench.make.scenes.verify import lint_scene
 from tsbench.roads.lane_graph import LaneGraph
-from tsbench.roads.network import RoadNetwork, read_network
+from tsbench.roads.network import read_network
 from tsbench.scenarios.data_set import DataSet
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.contrast import SlowZoneParams
@@ -36,21 +36,19 @@ MAPS = {
 }
 
 
-def task_of(
-    networks: dict[str, RoadNetwork], type_id: str, speed: float = 7.75, seed: int = 1, asked: int = 0
-) -> SceneTask:
+def task_of(networks: Networks, type_id: str, speed: float = 7.75, seed: int = 1, asked: int = 0) -> SceneTask:
     """asked: number on the axes of what the plates post."""
     variant = Variant(1, 90.0, 4.0, speed, 0, seed, value=asked, plate=asked)
     task = scene_task(MAPS[type_id][0], networks[type_id], recipe_of(type_id), variant, seed)
     return replace(task, drivers=(CALM, replace(CALM, speed=5.0)))
 
 
-def place(networks: dict[str, RoadNetwork], type_id: str, speed: float = 7.75, seed: int = 1) -> Arrangement:
+def place(networks: Networks, type_id: str, speed: float = 7.75, seed: int = 1) -> Arrangement:
     return signed_half(task_of(networks, type_id, speed, seed))
 
 
 @pytest.mark.parametrize("type_id", ZONES)
-def test_a_zone_spans_edges_from_its_plate(networks: dict[str, RoadNetwork], type_id: str) -> None:
+def test_a_zone_spans_edges_from_its_plate(networks: Networks, type_id: str) -> None:
     network, recipe = networks[type_id], recipe_of(type_id)
     a, kind = place(networks, type_id), load_catalog().type(type_id)
     plate, end = a.signs[:2]
@@ -75,9 +73,7 @@ def test_a_zone_spans_edges_from_its_plate(networks: dict[str, RoadNetwork], typ
 
 
 @pytest.mark.parametrize("type_id", ZONES[1:])
-def test_at_each_border_the_begin_faces_who_enters_and_the_end_who_leaves(
-    networks: dict[str, RoadNetwork], type_id: str
-) -> None:
+def test_at_each_border_the_begin_faces_who_enters_and_the_end_who_leaves(networks: Networks, type_id: str) -> None:
     (signed, contrast), kind = halves_of(task_of(networks, type_id)), load_catalog().type(type_id)
     low, high = ((half.signs[0].code, half.signs[0].posted) for half in (signed, contrast))
     ends = {kind.codes[0]: kind.end_codes[0], "5.31": "5.32"}
@@ -93,7 +89,7 @@ def test_at_each_border_the_begin_faces_who_enters_and_the_end_who_leaves(
 @pytest.mark.parametrize("initial", INITIAL_SPEEDS_MPS)
 @pytest.mark.parametrize("seed", range(5))
 def test_half_a_second_and_then_3_5_mps2_bring_the_ego_to_the_limit_at_the_plate(
-    networks: dict[str, RoadNetwork], initial: float, seed: int
+    networks: Networks, initial: float, seed: int
 ) -> None:
     recipe, a = recipe_of("speed_limit"), place(networks, "speed_limit", initial, seed)
     v, v0 = a.signs[0].posted / 3.6, a.start.speed
@@ -105,9 +101,7 @@ def test_half_a_second_and_then_3_5_mps2_bring_the_ego_to_the_limit_at_the_plate
 
 
 @pytest.mark.parametrize("type_id", ZONES)
-def test_the_contrast_half_posts_another_value_and_asks_not_to_be_slow(
-    networks: dict[str, RoadNetwork], type_id: str
-) -> None:
+def test_the_contrast_half_posts_another_value_and_asks_not_to_be_slow(networks: Networks, type_id: str) -> None:
     task = task_of(networks, type_id)
     signed, other = halves_of(task)
     high = other.signs[0]
@@ -140,7 +134,7 @@ def test_the_contrast_half_posts_another_value_and_asks_not_to_be_slow(
     ],
 )
 def test_both_halves_post_values_of_the_roads_class(
-    networks: dict[str, RoadNetwork], type_id: str, road_class: str, road_kmh: int, pairs: dict[int, set[int]]
+    networks: Networks, type_id: str, road_class: str, road_kmh: int, pairs: dict[int, set[int]]
 ) -> None:
     row = replace(MAPS[type_id][0], road_class=road_class, speed_mps=road_kmh / 3.6)
     found = defaultdict(list)
@@ -160,7 +154,7 @@ def test_both_halves_post_values_of_the_roads_class(
 
 @pytest.mark.parametrize(("kink", "fits"), [(60.0, True), (130.0, False), (200.0, True)])
 def test_a_bend_in_the_zone_is_an_excuse_to_be_slow(
-    networks: dict[str, RoadNetwork], tmp_path: Path, kink: float, fits: bool
+    networks: Networks, tmp_path: Path, kink: float, fits: bool
 ) -> None:
     task = task_of(networks, "zone_speed_limit")
     _, crop = MAPS["zone_speed_limit"]
@@ -179,7 +173,7 @@ def test_a_bend_in_the_zone_is_an_excuse_to_be_slow(
 
 
 @pytest.mark.parametrize("asked", range(3))
-def test_the_other_plate_of_a_least_speed(networks: dict[str, RoadNetwork], asked: int) -> None:
+def test_the_other_plate_of_a_least_speed(networks: Networks, asked: int) -> None:
     task = task_of(networks, "min_speed", asked=asked)
     signed, other = halves_of(task)
     (sign,) = signed.signs
@@ -190,7 +184,7 @@ def test_the_other_plate_of_a_least_speed(networks: dict[str, RoadNetwork], aske
 
 @pytest.mark.parametrize("initial", INITIAL_SPEEDS_MPS)
 @pytest.mark.parametrize("seed", range(6))
-def test_min_speed(networks: dict[str, RoadNetwork], initial: float, seed: int) -> None:
+def test_min_speed(networks: Networks, initial: float, seed: int) -> None:
     recipe, a = recipe_of("min_speed"), place(networks, "min_speed", initial, seed)
     (plate,) = a.signs
     minimum = float(plate.value or 0.0)
@@ -207,12 +201,12 @@ def test_min_speed(networks: dict[str, RoadNetwork], initial: float, seed: int) 
     assert recipe.number("zone_m") - settle >= 60.0
 
 
-def test_slower_variants_start_farther_below(networks: dict[str, RoadNetwork]) -> None:
+def test_slower_variants_start_farther_below(networks: Networks) -> None:
     starts = [place(networks, "min_speed", v).start.speed for v in INITIAL_SPEEDS_MPS]
     assert starts == sorted(set(starts))
 
 
-def test_minimums_as_the_road_allows(networks: dict[str, RoadNetwork]) -> None:
+def test_minimums_as_the_road_allows(networks: Networks) -> None:
     def posted(limit: int, shown: int = 130) -> list[float]:
         tasks = [task_of(networks, "min_speed", asked=k) for k in range(6)]
         classes = {edge.road_class for edge in tasks[0].network.edges.values()}
@@ -235,7 +229,7 @@ def test_a_road_without_another_direction_is_unfit(type_id: str) -> None:
         placement_of(recipe).prepare(replace(row, oneway=True), crop, recipe)
 
 
-def test_maps_that_are_too_short_or_too_narrow(networks: dict[str, RoadNetwork]) -> None:
+def test_maps_that_are_too_short_or_too_narrow(networks: Networks) -> None:
     recipe = recipe_of("zone_speed_limit")
     placement = placement_of(recipe)
     with pytest.raises(UnfitMapError, match="the corridor is 150 m long"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
-from planner_loop import Body, World, ids, load
+from planner_loop import Body, World, ids, load, long_road, plate
 
 from tsbench.core.seeds import floor_seed
 from tsbench.planners import registry
@@ -19,17 +19,6 @@ from tsbench.sim.world import EGO_LENGTH_M
 
 KMH = 1.0 / 3.6
 HALF_M = EGO_LENGTH_M / 2
-
-
-def plate(code: str, value: float | None, x: float) -> SignView:
-    """A plate beside the long road, with all that it could be known by."""
-    return SignView(code, value, x, -6.0, 0.0, "ab", 0, x, 60.0)
-
-
-def road(sign: SignView | None, start: float = 50.0 * KMH, bodies: tuple[Body, ...] = ()) -> World:
-    """The long road, the ego 50 m along it, its destination at 300 m."""
-    signs = () if sign is None else (sign,)
-    return World(load("long"), "ab_0", 50.0, start, Destination("ab", 300.0), list(bodies), signs=signs)
 
 
 def test_floors_are_flagged_and_lead_nobody() -> None:
@@ -54,7 +43,7 @@ class Witnessed(Blind):
 
 def test_no_plate_reaches_it() -> None:
     driver = Witnessed()
-    road(plate("3.24", 20.0, 130.0)).run(driver, 1.0)
+    long_road(plate("3.24", 20.0, 130.0)).run(driver, 1.0)
     for seen in driver.seen:
         (post,) = seen.signs
         assert (post.code, post.value, post.edge, post.lane, post.x) == ("", None, "", -1, 130.0)
@@ -65,7 +54,7 @@ def test_no_plate_reaches_it() -> None:
 @pytest.mark.parametrize("driver", [Blind, Coin])
 def test_what_hangs_on_a_post_changes_nothing(driver: type[Blind]) -> None:
     drives = [
-        road(sign).run(driver(), 8.0).controls
+        long_road(sign).run(driver(), 8.0).controls
         for sign in (plate("3.24", 20.0, 130.0), plate("5.31", 70.0, 130.0), plate("3.24", 20.0, 130.0).masked())
     ]
     assert drives[0] == drives[1] == drives[2]
@@ -73,9 +62,9 @@ def test_what_hangs_on_a_post_changes_nothing(driver: type[Blind]) -> None:
 
 def test_a_post_alone_makes_it_slow() -> None:
     """49 km/h to 20.9 before the post; without one it drives as `idm` does."""
-    bare, idm = (road(None).run(d, 8.0).controls for d in (Blind(), Idm()))
+    bare, idm = (long_road().run(d, 8.0).controls for d in (Blind(), Idm()))
     assert bare == idm
-    posted = road(plate("3.24", 40.0, 130.0)).run(Blind(), 25.0)
+    posted = long_road(plate("3.24", 40.0, 130.0)).run(Blind(), 25.0)
     within = [e.speed for e in posted.states if 130.0 < e.x + HALF_M < 240.0]
     assert within
     assert max(within) <= 21.0 * KMH
@@ -95,7 +84,7 @@ def test_a_leader_excuses_who_is_slow(led: bool) -> None:
     """Minimum 50 on one plate, 40 on the other: 40.9 behind a leader, as fast as may be without one."""
     leader = Body("leader", ("ab_0",), 50.0 + HALF_M + 25.0 + 4.5, lambda t, w: 44.0 * KMH)
     post = plate("4.6", 50.0, 50.0 + HALF_M + 30.0)
-    world = road(post, 38.0 * KMH, (leader,) if led else ()).run(Blind(), 12.0)
+    world = long_road(post, speed=38.0 * KMH, bodies=(leader,) if led else ()).run(Blind(), 12.0)
     late = [e.speed / KMH for e in world.states if e.x > 150.0]
     assert late
     assert (max(late) < 41.0) is led
@@ -144,7 +133,7 @@ def test_a_coin_is_thrown_in_each_half() -> None:
 
 
 def _obeys(seed: int) -> bool:
-    world = road(None)
+    world = long_road()
     context = PlannerContext(seed, world.view.map, world.view.graph, world.destination, 0.1)
     coin = Coin()
     coin.reset(context)

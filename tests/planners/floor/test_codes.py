@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from planner_loop import World, load
+from planner_loop import long_road, plate
 
 from tsbench.cli.train import count_plates, write_counts
 from tsbench.core.files import sha256_of
@@ -15,11 +15,9 @@ from tsbench.planners.base import Control
 from tsbench.planners.floor import guess
 from tsbench.planners.floor.guess import Blind, Codes, Plate, counts, read_counts, signed_odds
 from tsbench.planners.idm import Idm
-from tsbench.planners.observation import Observation, SignView
-from tsbench.roads.lane_graph import Destination
+from tsbench.planners.observation import Observation
 from tsbench.scenarios.data_set import DataSet
 
-KMH = 1.0 / 3.6
 # Of the counts by which `codes` has the figures of docs/floor.md; other counts are another driver.
 PUBLISHED = "d22da81a884cfc5e841bcc389ffd3ad4c3a31eaa125f5771d8bc2bee762a3c6f"
 # By the published counts one stands in signed halves more often, the other in contrast halves.
@@ -32,15 +30,6 @@ PRIORITY = {
     ("2.3.3", None): (380, 380),
 }
 COUNTED: dict[Plate, tuple[int, int]] = {("2.5", None): (9, 0), ("2.1", None): (4, 4), ("3.24", 70.0): (0, 9)}
-
-
-def road(*plates: SignView) -> World:
-    """The long road, the ego 50 m along it at 50 km/h, its destination at 300 m."""
-    return World(load("long"), "ab_0", 50.0, 50.0 * KMH, Destination("ab", 300.0), [], signs=plates)
-
-
-def plate(code: str, value: float | None, x: float = 130.0) -> SignView:
-    return SignView(code, value, x, -6.0, 0.0, "ab", 0, x, 60.0)
 
 
 @pytest.mark.parametrize(
@@ -63,11 +52,11 @@ def test_plates_in_sight_vote(plates: list[Plate], odds: float) -> None:
 def test_it_drives_as_blind_or_as_idm() -> None:
     """A plate of signed halves makes it slow, one of contrast halves does not; a post says nothing."""
     signed, contrast = plate(*SIGNED), plate(*CONTRAST)
-    slow, fast = (road(signed).run(d, 8.0).controls for d in (Blind(), Idm()))
+    slow, fast = (long_road(signed).run(d, 8.0).controls for d in (Blind(), Idm()))
     assert slow != fast
-    assert road(signed).run(Codes(), 8.0).controls == slow
-    assert road(contrast).run(Codes(), 8.0).controls == fast
-    assert road(contrast.masked()).run(Codes(), 8.0).controls == slow
+    assert long_road(signed).run(Codes(), 8.0).controls == slow
+    assert long_road(contrast).run(Codes(), 8.0).controls == fast
+    assert long_road(contrast.masked()).run(Codes(), 8.0).controls == slow
 
 
 def test_a_plate_from_behind_leaves_it_undecided() -> None:
@@ -75,14 +64,14 @@ def test_a_plate_from_behind_leaves_it_undecided() -> None:
     front, back = plate(*CONTRAST), replace(plate(*SIGNED, 120.0), outline="rectangle").from_behind()
     for plates, obeys in (((front,), False), ((front, back), None)):
         driver = Codes()
-        road(*plates).run(driver, 0.5)
+        long_road(*plates).run(driver, 0.5)
         assert driver.obeys is obeys
 
 
 def test_where_a_plate_stands_is_nothing_to_it() -> None:
     """The same plates on each other's posts: the same drive."""
     drives = [
-        road(plate(*a, 130.0), plate(*b, 145.0)).run(Codes(), 8.0).controls
+        long_road(plate(*a, 130.0), plate(*b, 145.0)).run(Codes(), 8.0).controls
         for a, b in ((SIGNED, CONTRAST), (CONTRAST, SIGNED))
     ]
     assert drives[0] == drives[1]
@@ -98,7 +87,7 @@ class Later(Codes):
 
 def test_the_first_plates_in_sight_decide() -> None:
     contrast = plate(*CONTRAST)
-    assert road(contrast).run(Later(), 8.0).controls == road(contrast).run(Codes(), 8.0).controls
+    assert long_road(contrast).run(Later(), 8.0).controls == long_road(contrast).run(Codes(), 8.0).controls
 
 
 def of_priority(counted: Mapping[Plate, tuple[int, int]]) -> dict[Plate, tuple[int, int]]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 import browsing
@@ -36,6 +38,17 @@ def report(run: Path) -> Path:
 
 
 opened = partial(browsing.opened, ready="#episode-table tbody tr")
+
+
+@contextmanager
+def playing(
+    browser: Browser, report: Path, episode: str = f"idm/{TRACED[0]}", time: float | None = None, **how: Any
+) -> Iterator[Page]:
+    """The page of a report with the player of an episode open. time: s, where it stands."""
+    at = "" if time is None else f"&t={time}"
+    with opened(browser, f"{report.as_uri()}#play={quote(episode, safe='')}{at}", **how) as page:
+        until(page, "tsb.player.episode !== null")
+        yield page
 
 
 # All colours of a canvas, as "r,g,b".
@@ -117,9 +130,7 @@ def test_a_cell_of_the_heat_map_filters(chromium: Browser, report: Path) -> None
 
 
 def test_the_player_by_keyboard(chromium: Browser, report: Path) -> None:
-    link = f"#play={quote(f'idm/{TRACED[0]}', safe='')}&t=1.0"
-    with opened(chromium, report.as_uri() + link) as page:
-        until(page, "tsb.player.episode !== null")
+    with playing(chromium, report, time=1.0) as page:
         assert page.evaluate("tsb.player.tick") == pytest.approx(10)
         # What was packed is where it was: the ego drives at 10 m/s from x = 60 m.
         assert page.evaluate("tsb.player.episode.track.x[40]") == pytest.approx(100.0, abs=0.03)
@@ -152,9 +163,7 @@ def test_the_player_by_keyboard(chromium: Browser, report: Path) -> None:
 
 def test_an_episode_is_seen_whole_and_plays_when_it_is_opened(chromium: Browser, report: Path) -> None:
     """Verdict and controls beside the map; the next failure by its key, past what was passed."""
-    link = f"#play={quote(f'idm/{TRACED[0]}', safe='')}"
-    with opened(chromium, report.as_uri() + link) as page:
-        until(page, "tsb.player.episode !== null")
+    with playing(chromium, report) as page:
         for name in ("player-view", "player-verdict", "player-play"):
             box = page.locator(f"#{name}").bounding_box()
             assert box["y"] + box["height"] <= DESKTOP[1], name
@@ -163,14 +172,12 @@ def test_an_episode_is_seen_whole_and_plays_when_it_is_opened(chromium: Browser,
         until(page, f"document.getElementById('player-title').innerText !== {title!r}")
         # That of the other planner: what this one passed is left out.
         assert page.evaluate("tsb.player.episode.scenario") == TRACED[0]
-    with opened(chromium, report.as_uri() + link, motion="no-preference") as page:
+    with playing(chromium, report, motion="no-preference") as page:
         until(page, "tsb.player.playing")
 
 
 def test_the_view_is_drawn_and_the_violation_marked(chromium: Browser, report: Path) -> None:
-    link = f"#play={quote(f'idm/{TRACED[0]}', safe='')}&t=3.0"
-    with opened(chromium, report.as_uri() + link) as page:
-        until(page, "tsb.player.episode !== null")
+    with playing(chromium, report, time=3.0) as page:
         # Ego, asphalt, violation, the oncoming car: colours of report/drawing/canvas.py.
         until_drawn(page, "player-view", {"255,112,32", "86,91,99", "228,30,45", "160,200,235"})
         until_drawn(page, "player-line", {"192,21,37"})  # the violation on the time line
@@ -179,9 +186,7 @@ def test_the_view_is_drawn_and_the_violation_marked(chromium: Browser, report: P
 def test_lights_and_names_of_others(chromium: Browser, report: Path) -> None:
     """The bus turns left: an amber lamp; from 3.0 s on a sentence names it."""
     for start, named in ((2.9, False), (3.1, True)):
-        link = f"#play={quote(f'idm/{TRACED[0]}', safe='')}&t={start}"
-        with opened(chromium, report.as_uri() + link) as page:
-            until(page, "tsb.player.episode !== null")
+        with playing(chromium, report, time=start) as page:
             lamp, ink = "255,190,40", "240,242,245"
             if named:
                 until_drawn(page, "player-view", {lamp, ink})
@@ -192,10 +197,8 @@ def test_lights_and_names_of_others(chromium: Browser, report: Path) -> None:
 
 
 def test_the_legend_is_open_where_there_is_room(chromium: Browser, report: Path) -> None:
-    link = f"#play={quote(f'idm/{TRACED[0]}', safe='')}"
     for size, shown in ((DESKTOP, True), (PHONE, False)):
-        with opened(chromium, report.as_uri() + link, size=size) as page:
-            until(page, "tsb.player.episode !== null")
+        with playing(chromium, report, size=size) as page:
             assert page.is_visible("#player-legend") is shown
             told = page.text_content("#player-legend") or ""
             assert "indicator" in told
@@ -203,10 +206,8 @@ def test_the_legend_is_open_where_there_is_room(chromium: Browser, report: Path)
 
 
 def test_curves_beside_the_speed_where_there_is_room(chromium: Browser, report: Path) -> None:
-    link = f"#play={quote(f'idm/{TRACED[0]}', safe='')}&t=3.0"
     for size, shown in ((DESKTOP, True), (PHONE, False)):
-        with opened(chromium, report.as_uri() + link, size=size) as page:
-            until(page, "tsb.player.episode !== null")
+        with playing(chromium, report, time=3.0, size=size) as page:
             assert page.is_checked("#player-curves") is shown
             heights = []
             for wanted in (True, False):
@@ -221,9 +222,7 @@ def test_curves_beside_the_speed_where_there_is_room(chromium: Browser, report: 
 
 
 def test_a_phone_in_the_dark(chromium: Browser, report: Path) -> None:
-    link = f"#play={quote(f'{HOSTILE}/{TRACED[0]}', safe='')}"
-    with opened(chromium, report.as_uri() + link, size=PHONE, scheme="dark") as page:
-        until(page, "tsb.player.episode !== null")
+    with playing(chromium, report, f"{HOSTILE}/{TRACED[0]}", size=PHONE, scheme="dark") as page:
         assert HOSTILE in page.inner_text("#player-title")
         box = page.locator("#player").bounding_box()
         assert box["width"] <= 390
@@ -257,8 +256,7 @@ def test_the_page_of_a_run_that_goes_on_loads_its_new_episodes(chromium: Browser
 
 
 def test_two_planners_drive_one_scene_side_by_side(chromium: Browser, report: Path) -> None:
-    with opened(chromium, f"{report.as_uri()}#play={quote(f'idm/{TRACED[0]}', safe='')}") as page:
-        until(page, "tsb.player.episode !== null")
+    with playing(chromium, report) as page:
         assert page.evaluate("tsb.player.halves.map((one) => one.planner)") == ["idm"]
         # Of those that drove this scene: the other planner, by a name that stays text.
         assert page.locator("#player-beside option").all_inner_texts() == ["the other half", HOSTILE]
@@ -292,8 +290,7 @@ def test_pairs_are_filtered_by_what_was_passed(chromium: Browser, paired: Path) 
 
 def test_both_halves_are_played_in_step(chromium: Browser, paired: Path) -> None:
     slow, broken = TRACED
-    with opened(chromium, f"{paired.as_uri()}#play={quote(f'idm/{slow}-c', safe='')}&t=1.0") as page:
-        until(page, "tsb.player.episode !== null")
+    with playing(chromium, paired, f"idm/{slow}-c", time=1.0) as page:
         # The signed half is the left one, whichever was opened.
         assert page.evaluate("tsb.player.halves.map((half) => half.scenario)") == [slow, f"{slow}-c"]
         assert page.evaluate("tsb.player.episode.scenario") == f"{slow}-c"
@@ -321,8 +318,7 @@ def test_both_halves_are_played_in_step(chromium: Browser, paired: Path) -> None
 
 
 def test_a_camera_takes_the_other_along(chromium: Browser, paired: Path) -> None:
-    with opened(chromium, f"{paired.as_uri()}#play={quote(f'idm/{TRACED[0]}', safe='')}") as page:
-        until(page, "tsb.player.episode !== null")
+    with playing(chromium, paired) as page:
         before = page.evaluate(CAMERAS)
         page.hover("#player-2-view")
         page.mouse.wheel(0, -400)
@@ -338,7 +334,7 @@ def test_the_rows_of_a_square_are_played_side_by_side(chromium: Browser, tmp_pat
     written = write_report(
         [run], None, allow_partial=False, max_mb=20.0, workers=1, progress=lambda done, of: None
     ).path
-    with opened(chromium, f"{written.as_uri()}#play={quote(f'idm/{ids[2]}', safe='')}") as page:
+    with playing(chromium, written, f"idm/{ids[2]}") as page:
         until(page, "tsb.player.halves.length === 4")
         assert page.evaluate("tsb.player.halves.map((one) => one.scenario)") == ids
         assert page.evaluate("tsb.player.episode.scenario") == ids[2]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import gzip
 import json
 import struct
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +15,13 @@ import pytest
 
 from tsbench.core.errors import InputError
 from tsbench.episode.perception import SignDetection
-from tsbench.episode.trace import read_trace, trace_path, write_trace
+from tsbench.episode.trace import read_trace
 from tsbench.metrics.interaction import min_ttc
 from tsbench.metrics.tracks import tracks_of
 from tsbench.report.page.page_format import deltas, pack, pack_table
 from tsbench.report.time_to_collision import times_to_collision
+
+EPISODE = ("idm", "speed_limit-m0-v0")
 
 
 def unpack(content: bytes) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -91,8 +92,8 @@ def test_a_table_keeps_its_texts_once() -> None:
 
 
 def test_an_episode_comes_back_within_its_units(tmp_path: Path) -> None:
-    path = page_runs.put_trace(tmp_path, "idm", "speed_limit-m0-v0")
-    packed = page_runs.packer().pack(path, ("idm", "speed_limit-m0-v0"))
+    path = page_runs.put_trace(tmp_path, *EPISODE)
+    packed = page_runs.packer().pack(path, EPISODE)
     header, arrays = unpack(packed.episode)
     trace, units = read_trace(path), header["units"]
     ego = np.array([(s.ego.x, s.ego.y) for s in trace.snapshots])
@@ -141,8 +142,8 @@ def test_what_was_told_stands_beside_what_stood_there(tmp_path: Path) -> None:
         SignDetection(12, "misread", "plate", "target", "3.24", 70.0, 90.0, -4.8, 18.0, 10.0),
         SignDetection(15, "false", "", "", "2.4", None, 99.0, -4.8, 24.0, 10.0),
     )
-    path = page_runs.put_trace(tmp_path, "idm", "speed_limit-m0-v0", told=told)
-    header, _ = unpack(page_runs.packer().pack(path, ("idm", "speed_limit-m0-v0")).episode)
+    path = page_runs.put_trace(tmp_path, *EPISODE, told=told)
+    header, _ = unpack(page_runs.packer().pack(path, EPISODE).episode)
     shown = [(one["kind"], one["told"], one["stood"], one["target"]) for one in header["told"]]
     assert shown == [
         ("post", "", "3.24|40", True),
@@ -157,10 +158,8 @@ def test_the_least_time_to_collision_is_the_metric(tmp_path: Path) -> None:
     egos = [made.ego(60.0 + k, speed=10.0) for k in range(61)]
     lead = made.straight(61, 100.0, egos[0].y, 0.0, 5.0)
     lead[20:40] = np.nan
-    spec = replace(made.spec("speed_limit-m0-v0"), map_id="map-1-0")
-    path = trace_path(tmp_path, "idm", spec.scenario_id)
-    write_trace(path, made.result(made.facts(egos, [made.Track("lead", lead)]), "idm", spec=spec))
-    header, arrays = unpack(page_runs.packer().pack(path, ("idm", spec.scenario_id)).episode)
+    path = page_runs.put_trace(tmp_path, *EPISODE, made.facts(egos, [made.Track("lead", lead)]))
+    header, arrays = unpack(page_runs.packer().pack(path, EPISODE).episode)
     snapshots = read_trace(path).snapshots
     exact = times_to_collision(snapshots)
     assert exact.min() == min_ttc(tracks_of(snapshots))
@@ -177,29 +176,27 @@ def test_who_slows_down_has_its_brakes_on(tmp_path: Path) -> None:
     egos = [made.ego(60.0 + x, speed=10.0 * v) for x, v in zip(gone, np.diff(gone, append=gone[-1] + 0.4), strict=True)]
     lead = made.straight(len(gone), 0.0, -4.8, 0.0, 0.0)
     lead[:, 0] = 100.0 + gone
-    spec = replace(made.spec("speed_limit-m0-v0"), map_id="map-1-0")
-    path = trace_path(tmp_path, "idm", spec.scenario_id)
-    write_trace(path, made.result(made.facts(egos, [made.Track("lead", lead)]), "idm", spec=spec))
-    _, arrays = unpack(page_runs.packer().pack(path, ("idm", spec.scenario_id)).episode)
+    path = page_runs.put_trace(tmp_path, *EPISODE, made.facts(egos, [made.Track("lead", lead)]))
+    _, arrays = unpack(page_runs.packer().pack(path, EPISODE).episode)
     for name in ("ego_lights", "actor_lights"):
         assert np.flatnonzero(arrays[name]).tolist() == [19, 20], name
         assert set(arrays[name].tolist()) == {0, 4}
 
 
 def test_a_trace_of_another_episode_is_refused(tmp_path: Path) -> None:
-    path = page_runs.put_trace(tmp_path, "idm", "speed_limit-m0-v0")
+    path = page_runs.put_trace(tmp_path, *EPISODE)
     with pytest.raises(InputError, match="is the trace of idm speed_limit-m0-v0"):
         page_runs.packer().pack(path, ("other", "speed_limit-m0-v0"))
     path.write_bytes(path.read_bytes()[:500])
     with pytest.raises(InputError, match="cannot be read as a trace"):
-        page_runs.packer().pack(path, ("idm", "speed_limit-m0-v0"))
+        page_runs.packer().pack(path, EPISODE)
 
 
 def test_plans_come_back_however_far_they_lead(tmp_path: Path) -> None:
     near = np.array([(60.0, -4.0), (75.5, -4.0), (80.0, 2.0)], dtype=np.float32)
     far = np.array([(1e6, -1e6), (-1e6, 1e6), (1e6, -1e6)], dtype=np.float32)
-    path = page_runs.put_trace(tmp_path, "idm", "speed_limit-m0-v0", plans=(None, near, near[:0], far))
-    header, arrays = unpack(page_runs.packer().pack(path, ("idm", "speed_limit-m0-v0")).episode)
+    path = page_runs.put_trace(tmp_path, *EPISODE, plans=(None, near, near[:0], far))
+    header, arrays = unpack(page_runs.packer().pack(path, EPISODE).episode)
     assert header["plans"] == [[1, 3], [3, 3]]
     unit = header["units"]["plan"]
     for k, axis in enumerate("xy"):

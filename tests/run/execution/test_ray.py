@@ -84,9 +84,7 @@ def test_a_node_killed_in_the_middle(on: OnCluster) -> None:
     process = on.bench.start_paused(20, *RUN, "--executor", "ray", "--out", "killed")
     assert len(on.workers()) == 2
     on.cluster.remove_node(goes, allow_graceful=False)
-    on.bench.go()
-    out, err = process.communicate(timeout=HANG_S)
-    assert process.returncode == 1, (out, err)
+    out, _ = on.bench.go(process, expect=1)
     assert "80 of 80 episodes finished, 1 with an error outcome" in out
     assert on.content("killed") == on.local
     on.assert_no_worker_is_left()

@@ -31,9 +31,7 @@ def test_a_run_that_goes_on_is_not_overwritten(bench: Bench) -> None:
     process = bench.start_paused(2, *RUN, "--out", "run")
     done = bench.run(*RUN, "--out", "run", "--overwrite", expect=2)
     assert done.stderr == "error: run: another tsbench run is writing here\n"
-    bench.go()
-    process.communicate(timeout=HANG_S)
-    assert process.returncode == 0
+    bench.go(process)
 
 
 @pytest.mark.parametrize("overwrite", [[], ["--overwrite"]])
@@ -156,9 +154,7 @@ def test_partial_figures_only_when_asked_for(bench: Bench) -> None:
     run = ["run", "--planner", "fake_planners:Slow", "--split", "test", "--workers", "1", "--out", "run"]
     process = bench.start_paused(5, *run, "--allow-partial")
     process.send_signal(signal.SIGINT)
-    bench.go()
-    out, _ = process.communicate(timeout=HANG_S)
-    assert process.returncode == 130
+    out, _ = bench.go(process, expect=130)
     assert "PARTIAL" in out
     journal, texts = bench.folder / "run" / "journal.jsonl", ("summary.json", "summary.md")
     assert all("PARTIAL" in (bench.folder / "run" / name).read_text() for name in texts)
@@ -166,9 +162,7 @@ def test_partial_figures_only_when_asked_for(bench: Bench) -> None:
     # Continued and interrupted again: the figures of before are not those of the tables that stand there now.
     process = bench.start_paused(len(journal.read_bytes().splitlines()) + 1, *run)
     process.send_signal(signal.SIGINT)
-    bench.go()
-    out, _ = process.communicate(timeout=HANG_S)
-    assert process.returncode == 130
+    out, _ = bench.go(process, expect=130)
     assert "PARTIAL" not in out
     assert "summary.md" not in out
     assert not any((bench.folder / "run" / name).exists() for name in texts)
