@@ -72,8 +72,8 @@ def test_the_data_are_those_of_the_dev_and_test_splits(wheels: Path) -> None:
     assert "results/plant2-ft/run.json" in results
     kinds = Counter("/".join(name.split("/")[1:-1]) for name in inside if "/results/" not in name)
     assert kinds == {
-        "": 1, "scenarios": 8, "scenarios/recipes": 33, "scenarios/scenes/dev": 29, "scenarios/scenes/test": 29,
-        "scenarios/scenes/two-signs": 4, "scenarios/scenes/two-signs-dev": 4,
+        "": 1, "scenarios": 8, "scenarios/recipes": 37, "scenarios/scenes/dev": 29, "scenarios/scenes/test": 29,
+        "scenarios/scenes/two-signs": 8, "scenarios/scenes/two-signs-dev": 8,
         "cities": 4, "sumo_nets": 3, "sumo_nets/netconvert": 4,
     }  # fmt: skip
     assert "tsbench_data/sumo_nets/ATTRIBUTION.md" in inside

@@ -43,6 +43,10 @@ MAPS: dict[str, tuple[PoolRow, PlainNet]] = {
     "limit_and_detour": (corridor(speed=LIMIT), road_plain()),
     "limit_in_zone": two_way(length=300.0),
     "stop_and_no_turn": ways(*TYPES["no_turn_left"]),
+    "limit_and_direction": ways(*TYPES["direction_left"]),
+    "limit_and_stop": (crossroads(), cross_plain()),
+    "limit_and_crosswalk": two_way(length=240.0),
+    "limit_and_bus_lane": two_way(speed=LIMIT, length=250.0),
 }
 
 
@@ -197,7 +201,7 @@ def test_a_site_is_sound_dense_as_asked_and_the_same_again(type_id: str, tmp_pat
         assert list(lint_scene(scene, roads.graph)) == []
         assert (row.pair_type, row.split, row.map_id) == (type_id, "test", MAPS[type_id][0].map_id)
         assert row.initial_speed == scene.start.speed
-        assert (scene.convoy is not None) == type_id.endswith("yield")
+        assert (scene.convoy is not None) == type_id.endswith(("yield", "stop"))
         assert (len(scene.obstacles) > 0) == ("detour" in type_id)
         if row.density:
             assert density == pytest.approx(row.density / 0.3, rel=0.25)
@@ -207,7 +211,7 @@ def test_a_site_is_sound_dense_as_asked_and_the_same_again(type_id: str, tmp_pat
     folder = tmp_path / "one" / "scenes" / type_id
     files = [f"v{k}{end}.add.xml.gz" for k in (0, 1) for end in ("", "c", "b", "bc")[: len(halves)]]
     # Who has priority stands in the network.
-    nets = ["contrast.net.xml.gz", "net.net.xml.gz"] if type_id.endswith("yield") else ["net.net.xml.gz"]
+    nets = ["contrast.net.xml.gz", "net.net.xml.gz"] if scene.convoy else ["net.net.xml.gz"]
     assert sorted(p.name for p in folder.rglob("*.gz")) == sorted([*nets, *files])
     two = build(type_id, tmp_path / "two", (0, 1))
     assert two == one  # the rows hold the hashes of the files
@@ -218,6 +222,10 @@ SQUARES = {
     "limit_and_yield": (("3.24", "3.24"), ("2.4", "2.1"), {"needless_slow"}, {"needless_stop", "needless_yield"}),
     "limit_in_zone": (("5.31", "5.31"), ("3.24", "3.24"), {"needless_slow"}, {"needless_slow"}),
     "stop_and_no_turn": (("2.5", "2.4"), ("3.18.2", "4.1.6"), {"needless_stop", "needless_yield"}, {"needless_detour"}),
+    "limit_and_direction": (("3.24", "3.24"), ("4.1.3", "3.18.2"), {"needless_slow"}, {"needless_detour"}),
+    "limit_and_stop": (("3.24", "3.24"), ("2.5", "2.1"), {"needless_slow"}, {"needless_stop", "needless_yield"}),
+    "limit_and_crosswalk": (("3.24", "3.24"), ("5.19", "3.24"), {"needless_slow"}, {"needless_stop", "needless_yield"}),
+    "limit_and_bus_lane": (("3.24", "3.24"), ("5.14.1", "5.14.1"), {"needless_slow"}, {"needless_detour"}),
 }
 
 

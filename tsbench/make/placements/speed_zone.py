@@ -6,7 +6,7 @@ Source: docs/scenes.md, "Speed zones", "Minimum speed".
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -137,14 +137,17 @@ class SpeedZonePlacement(ScenePlacement):
             closed_edges=frozenset(edges),
         )
 
-    def limits(self, row: PoolRow, recipe: Recipe) -> list[float]:
-        """The limits that can be posted on a map's road, with another in the contrast half. Raises UnfitMapError."""
+    def limits(self, row: PoolRow, recipe: Recipe, posted: Collection[float] = ()) -> list[float]:
+        """The limits that can be posted on a map's road, with another in the contrast half. Raises UnfitMapError.
+
+        posted: km/h; values of other plates there, which the contrast half does not repeat.
+        """
         road = row.speed_mps / KMH
         most = road - recipe.number("below_road_kmh") + 0.5
         limits = [
             v
             for v in recipe.choices["limits_kmh"]
-            if v <= most and can_post(recipe, row, self.code, v) and self._others(row, recipe, v)
+            if v <= most and can_post(recipe, row, self.code, v) and self._others(row, recipe, v, posted)
         ]
         require(bool(limits), f"no pair of limits for a {row.road_class} road of {road:.0f} km/h")
         return limits
@@ -156,11 +159,12 @@ class SpeedZonePlacement(ScenePlacement):
             plate_beside(task.network, self.end_code, last, 0.0, number=1, role="end", value=limit, ends="sign_0"),
         )
 
-    def _others(self, row: PoolRow, recipe: Recipe, limit: float) -> list[float]:
+    def _others(self, row: PoolRow, recipe: Recipe, limit: float, posted: Collection[float]) -> list[float]:
         """Values of the contrast half for a limit, km/h."""
         least = recipe.number("contrast_ratio") * limit - 0.5
         code = self.other_codes[0]
-        return [v for v in recipe.choices["contrast_kmh"] if v >= least and can_post(recipe, row, code, v)]
+        above = (v for v in recipe.choices["contrast_kmh"] if v >= least and v not in posted)
+        return [v for v in above if can_post(recipe, row, code, v)]
 
     def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
         """A value of at least 1.6 times as much."""
@@ -176,9 +180,9 @@ class SpeedZonePlacement(ScenePlacement):
         signs = tuple(replace(sign, code=code, value=value) for sign, code, value in hung)
         return replace(signed, signs=signs, contrast=(ContrastClause("needless_slow", slow),))
 
-    def other(self, task: SceneTask, limit: float) -> float:
-        """The value of the contrast half, km/h."""
-        values = self._others(task.row, task.recipe, limit)
+    def other(self, task: SceneTask, limit: float, posted: Collection[float] = ()) -> float:
+        """The value of the contrast half, km/h. posted: as of `limits`."""
+        values = self._others(task.row, task.recipe, limit, posted)
         return float(values[task.variant.plate % len(values)])
 
 

@@ -88,12 +88,15 @@ class LimitAheadPlacement(TwoSignsPlacement):
         """The limit's contrast plate."""
         count = _count_of_last(signed)
         plate, road = signed.signs[count], self._on_approach(task, signed.start)
-        value = self._limit.other(road, plate.posted)
+        value = self._limit.other(road, plate.posted, self._posted(signed.signs[:count]))
         until = _place_of_last(task, signed) - self._first.number("slow_until_last_m")
         slow = SlowZoneParams((plate.edge,), plate.position_m, until, min(value, road.row.speed_mps / KMH))
         clause = ContrastClause("needless_slow", slow, plate.id)
         signs = (*signed.signs[:count], *(replace(sign, value=value) for sign in signed.signs[count:]))
         return replace(signed, signs=signs, contrast=(clause, *signed.contrast))
+
+    def _posted(self, of_last: Sequence[SignInstance]) -> list[float]:
+        return [sign.posted for sign in of_last if sign.code == self._limit.code]
 
     def _on_approach(self, task: SceneTask, start: EgoStart) -> SceneTask:
         """The task of the limit, whose road is the ego's approach."""
@@ -106,7 +109,7 @@ class LimitAheadPlacement(TwoSignsPlacement):
         """The ego comes too fast for the limit, so far before its plate that it can slow down."""
         road, first = self._on_approach(task, a.start), self._first
         lane = task.network.lane(a.start.lane)
-        limits = self._limit.limits(road.row, first)
+        limits = self._limit.limits(road.row, first, self._posted(a.signs))
         limit = float(limits[task.variant.value % len(limits)])
         at, v = _place_of_last(task, a) - first.number("limit_before_last_m"), limit * KMH
         least = first.number("least_excess_mps")

@@ -273,8 +273,9 @@ def _alone(here: PlateHere) -> str:
         rule = other.sign.rule.name
         rules = {rule, here.sign.rule.name}
         alike = len(rules) == 1 or any(rules <= group for group in _NEVER_TOGETHER)
-        both_bind = plate.role == here.plate.role == TARGET
-        if plate.id == here.plate.id or other.sign.is_end or not alike or both_bind:
+        roles, another = {plate.role, here.plate.role}, plate.value != here.plate.value
+        follows = roles == {TARGET} or (TARGET in roles and plate.code == here.plate.code and another)
+        if plate.id == here.plate.id or other.sign.is_end or not alike or follows:
             continue
         for first, second in ((here, other), (other, here)):
             if first.is_before(second.plate) and not _is_over(first, second.plate):
