@@ -172,24 +172,36 @@ def test_a_run_from_before_pairs_reads_as_signed_rows(tmp_path: Path) -> None:
         assert analyse_runs(name, [run], allow_partial=False).table.rows
 
 
-def test_a_square_names_the_sign_that_was_broken(table, tmp_path: Path) -> None:
-    """idm breaks the last sign in two rows of one square of two; a square with a row missing does not count."""
-    event = asdict(made.violation(3.0, clause="did_not_yield"))
-    kind = {"scenario_type": "limit_and_yield", "group": "two_signs"}
+@pytest.mark.parametrize(
+    ("type_id", "said", "share"),
+    [
+        ("limit_and_yield", ("give_way", "encroached", "2.4"), (0.0, 25.0)),
+        ("limit_and_yield", ("speed", "speeding", "3.24"), (25.0, 0.0)),
+        ("limit_in_zone", ("speed", "speeding", "5.31"), (25.0, 0.0)),
+        ("limit_in_zone", ("needless", "needless_slow", "3.24"), (0.0, 25.0)),
+        ("stop_and_no_turn", ("needless", "needless_stop", "2.4"), (25.0, 0.0)),
+        ("limit_and_bus_lane", ("needless", "needless_detour", "3.24"), (0.0, 25.0)),
+    ],
+)
+def test_a_square_names_the_sign_that_was_broken(
+    table, tmp_path: Path, type_id: str, said: tuple[str, str, str], share: tuple[float, float]
+) -> None:
+    """idm breaks a sign in two rows of one square of two; a square with a row missing does not count."""
+    event = asdict(made.violation(3.0)) | dict(zip(("rule", "clause", "sign_code"), said, strict=True))
+    kind = {"scenario_type": type_id, "group": "two_signs"}
     rows = []
     for m in range(3):
         for end in ("", "-c", "b", "b-c"):
-            name = f"limit_and_yield-m{m}-v0"
+            name = f"{type_id}-m{m}-v0"
             row = episode("idm", 0, m, 0) | kind | {"scenario_id": name + end, "pair_id": name + end.removesuffix("-c")}
             half = {"half": "contrast"} if end.endswith("c") else {}
             rows.append(row | half | (lost() if m == 1 and "b" not in end else {}))
     where = {"planner": "idm", "number": 0, "target": True}
-    codes = {"limit_and_yield-m1-v0": "2.4", "limit_and_yield-m1-v0-c": "2.4"}
-    events = [event | where | {"scenario_id": name, "sign_code": code} for name, code in codes.items()]
+    events = [event | where | {"scenario_id": f"{type_id}-m1-v0{end}"} for end in ("", "-c")]
     make_run(tmp_path / "r", rows[:-1], events=events, asked=12)
     (row,) = table("squares", "r", "--allow-partial")
-    assert (row["type"], row["planner"], row["n"]) == ("limit_and_yield", "idm", "2")
-    assert [number(row[key]) for key in ("squared_scd", "rows", "first", "last")] == [50.0, 3.0, 0.0, 25.0]
+    assert (row["type"], row["planner"], row["n"]) == (type_id, "idm", "2")
+    assert [number(row[key]) for key in ("squared_scd", "rows", "first", "last")] == [50.0, 3.0, *share]
     first = table("floor", "r", "--allow-partial")[0]
     assert next(name for name in first if name.endswith("scd")) == "squared_scd"
     assert (first["n"], number(first["squared_scd"])) == ("2", 50.0)

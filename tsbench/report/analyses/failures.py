@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -225,6 +226,8 @@ def _draw(pool: RunPool, splits: Mapping[Key, Split], title: str, stacked: bool 
 
 _ROWS = 4
 _FIRST, _LAST = "first", "last"
+# Clauses of needless obedience to a first sign, by its rule.
+_NEEDLESS_OF = MappingProxyType({"speed": ("needless_slow",), "stop": ("needless_stop", "needless_yield")})
 _NOTES = (
     f"squared SCD: all four rows of a square passed, %, with {INTERVAL_NOTE}; strict. n: squares",
     "rows passed: of four, mean. first, last: rows with an event of that sign's rule or needless obedience of it. Rows "
@@ -274,12 +277,19 @@ def _rows(pool: RunPool, kind: ScenarioType, broken: dict[tuple[str, str], set[s
 
 def _broken(pool: RunPool, catalog: Catalog) -> dict[tuple[str, str], set[str]]:
     """By planner and scenario the signs with an event that counts."""
-    first = {kind.id: set(catalog.type(kind.parts[0]).codes) for kind in catalog.combined}
+    first: dict[str, tuple[tuple[str, ...], Sequence[str]]] = {}
+    for kind in catalog.combined:
+        one, other = (catalog.type(part).codes for part in kind.parts)
+        rule, of_last = (catalog.sign(codes[0]).rule.name for codes in (one, other))
+        # Two signs of one rule differ in their codes.
+        first[kind.id] = (rule, *_NEEDLESS_OF[rule]), one if rule == of_last else ()
     found: dict[tuple[str, str], set[str]] = defaultdict(set)
+    columns = ["planner", "scenario_id", "target", "rule", "clause", "sign_code"]
     for run in pool.runs:
-        for event in run.violations.select(["planner", "scenario_id", "target", "rule", "sign_code"]).to_pylist():
-            codes = first.get(event["scenario_id"].partition("-")[0])
-            if codes is not None and event["target"] and event["rule"] != catalog.wrong_way.name:
-                sign = _FIRST if event["sign_code"] in codes else _LAST
-                found[event["planner"], event["scenario_id"]].add(sign)
+        for event in run.violations.select(columns).to_pylist():
+            own, codes = first.get(event["scenario_id"].partition("-")[0], ((), ()))
+            if own and event["target"] and event["rule"] != catalog.wrong_way.name:
+                is_first = not {event["rule"], event["clause"]}.isdisjoint(own)
+                is_first &= not codes or event["sign_code"] in codes
+                found[event["planner"], event["scenario_id"]].add(_FIRST if is_first else _LAST)
     return found
