@@ -99,7 +99,18 @@ def forecast(line: Centerline, pose: StateSE2, tracked: Any) -> Others:
     s, d = (part.reshape(xs.shape) for part in line.project(xs.ravel(), ys.ravel()))
     unit = line.unit[line.segment(s[:, 0])]
     along = np.maximum(unit[:, 0] * vx + unit[:, 1] * vy, 0.0)
-    return Others(xs, ys, s, d, along, np.cos(heading), np.sin(heading), length, width, still)
+    return Others(
+        x=xs,
+        y=ys,
+        s=s,
+        d=d,
+        along=along,
+        cos=np.cos(heading),
+        sin=np.sin(heading),
+        length=length,
+        width=width,
+        still=still,
+    )
 
 
 def sampled(ways: Proposals, which: int, base: float, now_us: int) -> SampledTrajectory:
