@@ -181,6 +181,14 @@ def test_a_paired_bootstrap_as_published() -> None:
     assert centred.mde == pytest.approx(2.8016 * GAIN_SD / 10**0.5, rel=0.05)
 
 
+def test_mde_of_a_mean_is_2_8_standard_errors() -> None:
+    rng = np.random.default_rng(2)
+    noise = np.repeat(rng.normal(0, 0.1, 400), 5)
+    d = between(np.zeros(2000), noise - noise.mean() + 1e-4, COMFORT)
+    assert not d.significant
+    assert d.mde == pytest.approx(2.8016 * 100 * noise.std() / 400**0.5, rel=0.06)
+
+
 def test_macro_mean_weighs_types_alike() -> None:
     a, b = np.zeros(60), np.zeros(60)
     cluster = np.arange(60) // 2

@@ -62,6 +62,28 @@ def test_a_threshold_says_its_unit() -> None:
         RuleKind("fly", None, "gap_s height", "")
 
 
+@pytest.mark.parametrize(
+    ("file", "old", "new", "said"),
+    [
+        ("stop.yaml", "stop_speed_mps: 0.2", "stop_speed_mps: 0.2\n  patience_s: 3",
+         "thresholds: patience_s: no part of the rule stop reads it"),
+        ("stop.yaml", "  stop_speed_mps: 0.2\n", "", "thresholds: stop_speed_mps: is missing"),
+        ("give_way.yaml", "  encroached:", "  encroach:", "clauses: encroach: no part of the rule give_way reads it"),
+        ("speed.yaml", "  over_limit:", "  too_fast:", "clauses: over_limit: is missing"),
+    ],
+)  # fmt: skip
+def test_a_file_that_does_not_fit_its_kind_is_refused(
+    catalog_copy: Path, file: str, old: str, new: str, said: str
+) -> None:
+    path = catalog_copy / "rules" / file
+    text = path.read_text(encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    with pytest.raises(InputError) as refusal:
+        load_catalog(catalog_copy)
+    assert str(refusal.value) == f"{path}: {said}"
+
+
 def test_a_rule_that_nobody_declared_is_refused(catalog_copy: Path) -> None:
     text = (catalog_copy / "rules" / "speed.yaml").read_text(encoding="utf-8")
     (catalog_copy / "rules" / "fly.yaml").write_text(text.replace("rule: speed", "rule: fly"), encoding="utf-8")

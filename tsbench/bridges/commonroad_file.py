@@ -44,6 +44,7 @@ from tsbench.sim.world import DT_S, EGO_LENGTH_M, EGO_WIDTH_M, ActorKind
 COUNTRY = "ZAM"
 _KINDS = {ActorKind.CAR: "car", ActorKind.BUS: "bus", ActorKind.BICYCLE: "bicycle", ActorKind.PEDESTRIAN: "pedestrian"}
 _TAGS = {"junction": "intersection", "roundabout": "roundabout"}
+_NO_GEO_NAME = -999
 
 
 def write_commonroad(trace: Trace, scene: Scene, path: Path) -> None:
@@ -95,7 +96,7 @@ def _places(pool: Path) -> dict[str, tuple[float, float]]:
 def _location(trace: Trace, pool: Path) -> list[Element]:
     lat, lon = _places(pool).get(trace.spec.map_id, (0.0, 0.0))
     tags = ("simulated", "urban", *((_TAGS[trace.spec.family],) if trace.spec.family in _TAGS else ()))
-    place = (E.geoNameId("-999"), E.gpsLatitude(f"{lat:.7f}"), E.gpsLongitude(f"{lon:.7f}"))
+    place = (E.geoNameId(str(_NO_GEO_NAME)), E.gpsLatitude(f"{lat:.7f}"), E.gpsLongitude(f"{lon:.7f}"))
     return [E.location(*place), E.scenarioTags(*(E(tag) for tag in tags))]
 
 

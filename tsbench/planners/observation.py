@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from tsbench.core.errors import InputError
 from tsbench.geometry.polyline import Array
@@ -42,11 +42,25 @@ class SignView:
 
     def masked(self) -> SignView:
         """What is left of it where identity is hidden: where it stands, and which way it faces."""
-        return replace(self.from_behind(), edge="", position_m=math.nan, outline="")
+        return SignView(
+            code="", value=None, x=self.x, y=self.y, heading=self.heading, edge="", lane=-1, position_m=math.nan,
+            distance=self.distance,
+        )  # fmt: skip
 
     def from_behind(self) -> SignView:
         """What is seen of it from behind: where it stands, which way it faces, and its outline."""
-        return replace(self, code="", value=None, lane=-1, main_road=())
+        return SignView(
+            code="",
+            value=None,
+            x=self.x,
+            y=self.y,
+            heading=self.heading,
+            edge=self.edge,
+            lane=-1,
+            position_m=self.position_m,
+            distance=self.distance,
+            outline=self.outline,
+        )
 
 
 @dataclass(frozen=True, slots=True)

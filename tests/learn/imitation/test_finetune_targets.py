@@ -42,26 +42,39 @@ def test_every_rule_has_a_lesson() -> None:
     assert {lesson.family for lesson in TARGET_SPECS.values()} == set(FAMILIES)
 
 
-KEPT = 28.0 / 3.6
+def test_turns_are_slowed_down_for_four_seconds_ahead_and_set_off_after_a_halt() -> None:
+    speeds = np.concatenate((np.full(100, 10.0), np.full(30, 4.0), np.zeros(30), 0.2 * np.arange(1, 41)))
+    obeyed = teacher("4.1.1", speeds)
+    assert wish(obeyed, 72) == pytest.approx(4.0)
+    assert wish(obeyed, 95) == 0.0
+    # The least from now on would never set off: it stands now.
+    assert wish(obeyed, 154) == pytest.approx(0.4)
 
 
-@pytest.mark.parametrize(
-    ("code", "speeds", "wishes"),
-    [
-        # Turns are slowed down for four seconds ahead; the least from now on would never set off: it stands now.
-        ("4.1.1", ([10.0] * 100, [4.0] * 30, [0.0] * 30, 0.2 * np.arange(1, 41)), {72: 4.0, 95: 0.0, 154: 0.4}),
-        # Other corners as the driver does: the decision window begins at 70 m.
-        ("4.1.1", ([10.0] * 100, [4.0] * 30, [10.0] * 40), {68: 10.0, 72: 4.0}),
-        # An upper limit is kept with a margin, from four seconds before its line on.
-        ("3.24", ([10.0] * 90, [29.5 / 3.6] * 100), {30: 10.0, 62: KEPT, 150: KEPT}),
-        # Right of way is of the moment: a start is told of when it begins, and not before.
-        ("2.4", ([10.0] * 95, [0.0] * 50, [5.0] * 50), {80: 10.0, 90: 0.0, 140: 0.0, 144: 5.0}),
-    ],
-    ids=["turn", "corner", "limit", "right_of_way"],
-)
-def test_speeds_are_wished_for_by_rule(code: str, speeds: tuple[Any, ...], wishes: dict[int, float]) -> None:
-    obeyed = teacher(code, np.concatenate(speeds), 30.0 if code == "3.24" else None)
-    assert {k: wish(obeyed, k) for k in wishes} == pytest.approx(wishes, abs=1e-5)
+def test_other_corners_are_slowed_down_for_as_the_driver_does() -> None:
+    # The decision window begins at 70 m.
+    speeds = np.concatenate((np.full(100, 10.0), np.full(30, 4.0), np.full(40, 10.0)))
+    obeyed = teacher("4.1.1", speeds)
+    assert wish(obeyed, 68) == pytest.approx(10.0)
+    assert wish(obeyed, 72) == pytest.approx(4.0)
+
+
+def test_an_upper_limit_is_kept_with_a_margin_from_four_seconds_before_its_line() -> None:
+    speeds = np.concatenate((np.full(90, 10.0), np.full(100, 29.5 / 3.6)))
+    obeyed = teacher("3.24", speeds, 30.0)
+    assert wish(obeyed, 30) == pytest.approx(10.0)
+    assert wish(obeyed, 62) == pytest.approx(28.0 / 3.6, abs=1e-5)
+    assert wish(obeyed, 150) == pytest.approx(28.0 / 3.6, abs=1e-5)
+
+
+def test_right_of_way_is_of_the_moment() -> None:
+    speeds = np.concatenate((np.full(95, 10.0), np.zeros(50), np.full(50, 5.0)))
+    obeyed = teacher("2.4", speeds)
+    assert wish(obeyed, 80) == pytest.approx(10.0)
+    assert wish(obeyed, 90) == 0.0
+    # A start is told of when it begins, and not before.
+    assert wish(obeyed, 140) == 0.0
+    assert wish(obeyed, 144) == pytest.approx(5.0)
 
 
 def test_a_stop_of_an_instant_is_wished_for_before_and_left_after() -> None:

@@ -27,6 +27,7 @@ from tsbench.make.maps.netconvert import build_net
 from tsbench.make.maps.pieces import length
 from tsbench.make.maps.plain import PlainConnection, PlainCrossing, PlainEdge, PlainLane, PlainNet, PlainNode
 from tsbench.make.maps.source import SourceNetwork
+from tsbench.roads.network import read_network
 from tsbench.scenarios.map_pool import PoolRow
 
 
@@ -120,6 +121,12 @@ def test_a_crop_is_cut_and_built_quickly(tiny: SourceNetwork, tmp_path: Path) ->
         times.append(sum(os.times()[:4]) - sum(before[:4]))
     # seconds of processor, ours and netconvert's, so that a busy machine does not matter: 0.10 is usual
     assert min(times) < 0.25
+
+
+def test_facts_of_a_broken_net_are_one_line(tmp_path: Path) -> None:
+    (tmp_path / "half.net.xml").write_text("<net><edge id=")
+    with pytest.raises(InputError, match=r"half\.net\.xml"):
+        read_network(tmp_path / "half.net.xml")
 
 
 WIDTH = 3.5

@@ -7,7 +7,6 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
-import pyarrow.parquet as pq
 import pytest
 from town import Town, make_town
 
@@ -86,10 +85,21 @@ def test_pool_round_trip_whatever_the_order(tiny: SourceNetwork, tmp_path: Path)
     assert read_pool(tmp_path / "a.parquet") == sorted(rows, key=lambda row: row.map_id)
 
 
-def test_a_pool_of_no_version_is_one_line(tmp_path: Path) -> None:
+def test_a_bad_pool_is_one_line(tmp_path: Path) -> None:
+    import pyarrow.parquet as pq
+
+    with pytest.raises(InputError, match="maps harvest"):
+        read_pool(tmp_path / "none.parquet")
+    (tmp_path / "cut.parquet").write_bytes(b"PAR1 and no more")
+    with pytest.raises(InputError, match="not a readable Parquet table"):
+        read_pool(tmp_path / "cut.parquet")
     pq.write_table(POOL_SCHEMA.remove_metadata().empty_table(), tmp_path / "old.parquet")
     with pytest.raises(InputError, match="schema version none"):
         read_pool(tmp_path / "old.parquet")
+    short = POOL_SCHEMA.remove(0).with_metadata({"tsbench_schema": "1"}).empty_table()
+    pq.write_table(short, tmp_path / "short.parquet")
+    with pytest.raises(InputError, match="'map_id' is missing"):
+        read_pool(tmp_path / "short.parquet")
 
 
 def test_an_extract_without_maps_is_said(workplace: Path, tmp_path: Path) -> None:

@@ -26,24 +26,39 @@ XML = make_town().xml()
 NO_ROADS = '<?xml version="1.0"?><osm version="0.6"><node id="1" version="1" lat="55.8" lon="37.4"/></osm>'
 
 
+def spoil(folder: Path, kind: str) -> Path:
+    content: dict[str, tuple[str, bytes]] = {
+        "empty": ("a.osm", b""),
+        "truncated xml": ("b.osm", XML.encode()[:5000]),
+        "truncated gzip": ("c.osm.gz", gzip.compress(XML.encode())[:-200]),
+        "truncated bzip2": ("d.osm.bz2", bz2.compress(XML.encode())[:-200]),
+        "not osm": ("e.osm", b"<html><body/></html>"),
+        "no pbf": ("f.osm.pbf", bytes(range(256)) * 20),
+        "no roads": ("g.osm", NO_ROADS.encode()),
+        "unknown kind": ("h.txt", b"hello"),
+    }
+    name, data = content[kind]
+    (folder / name).write_bytes(data)
+    return folder / name
+
+
 @pytest.mark.parametrize(
-    ("name", "content", "says"),
+    ("kind", "says"),
     [
-        ("empty.osm", b"", "empty"),
-        ("truncated.osm", XML.encode()[:5000], "not a whole OSM file"),
-        ("truncated.osm.gz", gzip.compress(XML.encode())[:-200], "not a whole OSM file"),
-        ("truncated.osm.bz2", bz2.compress(XML.encode())[:-200], "not a whole OSM file"),
-        ("page.osm", b"<html><body/></html>", "Unknown top-level element"),
-        ("bytes.osm.pbf", bytes(range(256)) * 20, "not a whole OSM file"),
-        ("no_roads.osm", NO_ROADS.encode(), "no road for cars"),
-        ("unknown_kind.txt", b"hello", "unknown kind of file"),
+        ("empty", "empty"),
+        ("truncated xml", "not a whole OSM file"),
+        ("truncated gzip", "not a whole OSM file"),
+        ("truncated bzip2", "not a whole OSM file"),
+        ("not osm", "Unknown top-level element"),
+        ("no pbf", "not a whole OSM file"),
+        ("no roads", "no road for cars"),
+        ("unknown kind", "unknown kind of file"),
     ],
-    ids=lambda given: given if isinstance(given, str) else "",
 )
-def test_a_bad_extract_is_one_line_that_names_the_file(tmp_path: Path, name: str, content: bytes, says: str) -> None:
-    (tmp_path / name).write_bytes(content)
-    with one_line(says, match=f"^{tmp_path / name}"):
-        read_extract(tmp_path / name, tmp_path / "plain.osm")
+def test_a_bad_extract_is_one_line_that_names_the_file(tmp_path: Path, kind: str, says: str) -> None:
+    path = spoil(tmp_path, kind)
+    with one_line(says, match=f"^{path}"):
+        read_extract(path, tmp_path / "plain.osm")
 
 
 def test_missing_extract_and_folder(tmp_path: Path) -> None:
@@ -74,7 +89,7 @@ def test_all_kinds_of_extract_give_the_same_network(workplace: Path, tmp_path: P
 
 def test_the_network_must_be_called_a_network(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"\.net\.xml"):
-        convert_extract(DataSet(), tmp_path / "none.osm", tmp_path / "out.xml")
+        convert_extract(DataSet(), spoil(tmp_path, "no roads"), tmp_path / "out.xml")
 
 
 @pytest.mark.parametrize("odd", ["a, b", "a b", "a,b", "ä;b"])

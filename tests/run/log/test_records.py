@@ -108,7 +108,15 @@ def test_a_null_where_none_may_be_is_a_defect(tmp_path: Path) -> None:
     assert not (tmp_path / "episodes.parquet").exists()
 
 
-def test_a_table_of_no_version_is_refused(tmp_path: Path) -> None:
-    pa.parquet.write_table(pa.table({"a": [1]}), tmp_path / "episodes.parquet")
-    with pytest.raises(InputError, match="schema version"):
-        read_table(tmp_path / "episodes.parquet")
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(None, "no such table"), (b"PAR1 cut", "not a readable Parquet"), (pa.table({"a": [1]}), "schema version")],
+)
+def test_tables_that_are_none(tmp_path: Path, content, words: str) -> None:
+    path = tmp_path / "episodes.parquet"
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    elif content is not None:
+        pa.parquet.write_table(content, path)
+    with pytest.raises(InputError, match=words):
+        read_table(path)

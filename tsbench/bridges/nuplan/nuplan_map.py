@@ -238,6 +238,11 @@ class NuPlanIntersection(NuPlanArea):
         self.is_signaled = False
 
 
+def connector_name(source: str, target: str) -> str:
+    """The id of the roadblock connector from one edge to another."""
+    return f"{source}>{target}"
+
+
 class NuPlanMap:
     """`AbstractMap` of one scene. Objects are made once; what asks for areas pays for them when it asks."""
 
@@ -267,7 +272,7 @@ class NuPlanMap:
                 _link(a, b)
                 continue
             source, target = a.get_roadblock_id(), b.get_roadblock_id()
-            name, junction = f"{source}>{target}", network.edges[source].target
+            name, junction = connector_name(source, target), network.edges[source].target
             through = NuPlanLaneConnector(self, tuple(network.lanes[k] for k in connection.via), name)
             _link(a, through)
             _link(through, b)
@@ -310,7 +315,7 @@ class NuPlanMap:
         """A route as nuPlan tells it: roadblocks, and the connectors between them where they do not touch."""
         ids = [edges[0]]
         for source, target in pairwise(edges):
-            name = f"{source}>{target}"
+            name = connector_name(source, target)
             ids += [name, target] if self.roadblock(name) else [target]
         return ids
 

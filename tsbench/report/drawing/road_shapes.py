@@ -131,18 +131,18 @@ def mark_shapes(network: RoadNetwork, scene: Scene | None = None) -> Iterator[Ar
     for lane in network.lanes:
         if not lane.internal and network.edges[lane.edge].target not in regulated:
             yield from _turn_arrows(network, lane)
+    two_way = _two_way(network) if network.crossings else set()
     for crossing in network.crossings.values():
         ends = crossing.line.points
         if any(math.dist((post.x, post.y), end) <= _AT_CROSSING_M for post in posts for end in ends):
             for dash in dashes(ends, *_ZEBRA_M):
                 yield Area("marking", strip(Polyline(dash), crossing.width))
         else:
-            yield from _lines_across(network, crossing)
+            yield from _lines_across(network, crossing, not two_way.isdisjoint(crossing.edges))
 
 
-def _lines_across(network: RoadNetwork, crossing: Crossing) -> Iterator[Line]:
+def _lines_across(network: RoadNetwork, crossing: Crossing, two_way: bool) -> Iterator[Line]:
     """The lines of the crossed road, which go on where no plate makes people cross."""
-    two_way = bool(_two_way(network).intersection(crossing.edges))
     inside = crossing.id.rpartition("_")[0] + "_"
     for name, edge in network.edges.items():
         if name.startswith(inside) and (lanes := _drivable(network, edge)):
