@@ -59,6 +59,12 @@ def test_a_square_is_passed_where_both_its_pairs_are() -> None:
     assert scd(p, "paired_scd") == (50.0, 8)
 
 
+def test_what_passes_one_half_only_has_no_paired_scd() -> None:
+    rows = [r for k in range(8) for r in pair(True, False, map_id=f"m{k}")]
+    p = only(rows)
+    assert (scd(p, "paired_scd")[0], scd(p, "signed_scd")[0], scd(p, "contrast_scd")[0]) == (0.0, 100.0, 0.0)
+
+
 def test_paired_scd_is_over_the_types_that_have_pairs() -> None:
     rows = [*pair(kind="a", map_id="m0"), *pair(kind="a", contrast=False, map_id="m1"), *pair(kind="b")]
     rows += [row(kind="c", scd=False, map_id="m3")]

@@ -5,12 +5,15 @@ from __future__ import annotations
 import json
 import os
 import signal
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from run_helpers import Bench, assert_gone, workers_of
 
 from tsbench.run.log.journal import read_table
+from tsbench.scenarios.data_set import read_table as read_scenarios
+from tsbench.scenarios.data_set import write_table
 
 # Twenty episodes, one of which fails.
 RUN = [
@@ -166,6 +169,22 @@ def test_another_run_in_the_folder(whole: Bench, change: list[str], words: str) 
     told = whole.refused(*RUN, *change, "--out", "whole")
     assert told.startswith("whole: holds another run: ")
     assert words in told
+
+
+def test_another_contract_in_the_folder(whole: Bench) -> None:
+    table = whole.data / "scenarios" / "test.parquet"
+    kept = table.read_bytes()
+    try:
+        _change_a_row(table)
+        done = whole.run(*RUN, "--out", "whole", expect=2)
+    finally:
+        table.write_bytes(kept)
+    assert "holds another run: contract is" in done.stderr
+
+
+def _change_a_row(table: Path) -> None:
+    first, *rest = read_scenarios(table)
+    write_table([replace(first, net_sha256="e" * 64), *rest], table)
 
 
 def test_a_changed_table_of_a_complete_run(whole: Bench) -> None:

@@ -193,9 +193,18 @@ def test_what_is_refused_in_one_line(tmp_path: Path, refused: Callable[..., str]
     run = page_runs.make_run(tmp_path / "run")
     other = page_runs.make_run(tmp_path / "other", ("mine",), contract="ab" * 32)
     assert "has contract" in refused(run, other)
+    fewer = run_builders.make_run(tmp_path / "fewer", run_builders.episodes("mine", maps=5))
+    assert "have different scenarios" in refused(run, fewer)
+    again = page_runs.make_run(tmp_path / "again", ("idm",))
+    assert "give it once only" in refused(run, again)
+    assert "no run folder" in refused(tmp_path / "nothing")
     old = page_runs.make_run(tmp_path / "old")
     change_manifest(old, schema_version=0)
     assert "schema version 0, this tsbench reads" in refused(old)
+    for name in ("episodes.parquet", "violations.parquet"):
+        torn = page_runs.make_run(tmp_path / f"torn-{name}")
+        (torn / name).write_bytes((torn / name).read_bytes()[:-20])
+        assert name in refused(torn)
     (tmp_path / "file").write_text("")
     assert "file" in refused(run, "--out", tmp_path / "file" / "x.html")
 
