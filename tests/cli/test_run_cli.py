@@ -17,7 +17,15 @@ from patience import HANG_S
 from tsbench.cli import cli
 from tsbench.run.log.record import EPISODES
 
-MAIN = "from tsbench.cli import main; main()"
+# pandas takes longer to import than an episode to drive, and Arrow imports it where it is asked for a plain value.
+MAIN = """
+import sys
+from tsbench.cli import main
+try:
+    main()
+finally:
+    assert "pandas" not in sys.modules
+"""
 
 
 def tsbench(*arguments: str, cwd: Path | None = None, expect: int = 0) -> subprocess.CompletedProcess[str]:

@@ -8,7 +8,9 @@ from pathlib import Path
 from sys import intern
 from typing import Any, TypeVar
 
+import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from tsbench.core.errors import InputError
@@ -46,6 +48,15 @@ def fields_of(row: type, nullable: bool = False, **other: pa.DataType) -> list[p
 
 def columns(kind: pa.DataType, *names: str, nullable: bool = False) -> list[pa.Field]:
     return [pa.field(name, kind, nullable=nullable) for name in names]
+
+
+def with_text(table: pa.Table, column: str, *values: str) -> pa.Table:
+    """The rows of a table that have one of these values in a column of text."""
+    told = [value.encode() for value in values]
+    ends = [sum(map(len, told[:count])) for count in range(len(told) + 1)]
+    # From buffers: `pa.array` and `pa.scalar` would import pandas, which takes longer than many an episode.
+    buffers = [pa.py_buffer(np.array(ends, np.int32)), pa.py_buffer(b"".join(told))]
+    return table.filter(pc.is_in(table[column], pa.StringArray.from_buffers(len(told), *buffers)))
 
 
 def save_rows(rows: Iterable[Any], path: Path, schema: pa.Schema) -> None:

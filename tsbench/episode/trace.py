@@ -203,7 +203,7 @@ def _trace(meta: Mapping[str, Any], table: Any) -> Trace:
         raise ValueError("no ticks")
     snapshots = snapshots_of(table, _table_from_dict(meta["actors"]))
     known = table.num_rows - table["acceleration"].null_count
-    commands = np.column_stack([table[n].slice(0, known).to_numpy() for n in ("acceleration", "steering")])
+    commands = [table[name].slice(0, known).to_pylist() for name in ("acceleration", "steering")]
     return Trace(
         spec=typed(ScenarioSpec, meta["scenario"], strict=False),
         planner=str(meta["planner"]),
@@ -220,7 +220,7 @@ def _trace(meta: Mapping[str, Any], table: Any) -> Trace:
         ),
         start_remaining_m=float(meta["start_remaining_m"]),
         snapshots=snapshots,
-        commands=commands.astype(np.float64, copy=False),
+        commands=np.array(commands, dtype=np.float64).T.copy(),
         plans=plans_of(table),
         told=_typed(SignDetection, meta.get("told", ())),
     )

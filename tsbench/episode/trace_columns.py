@@ -103,7 +103,8 @@ def snapshots_of(table: pa.Table, actors: ActorTable) -> list[WorldSnapshot]:
     at = lists["index"].offsets.to_pylist()
     if any(lists[name].offsets.to_pylist() != at for name in lists):
         raise ValueError("actor columns of unequal length")
-    flat = {name: column.values.to_numpy() for name, column in lists.items()}
+    # By DLPack: Arrow's own `to_numpy` would import pandas.
+    flat: dict[str, Any] = {name: np.from_dlpack(column.values) for name, column in lists.items()}
     index, lane = flat["index"], flat["lane"]
     if len(index) and (int(index.min()) < 0 or int(index.max()) >= len(actors.ids)):
         raise ValueError("an actor that is not in the actor table")

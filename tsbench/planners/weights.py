@@ -19,7 +19,6 @@ import numpy.typing as npt
 import platformdirs
 
 from tsbench.core.errors import InputError
-from tsbench.core.fetch import fetch_file
 from tsbench.core.files import write_atomic, write_json
 from tsbench.planners.registry import PlannerEntry, Weights
 
@@ -137,6 +136,9 @@ def file_of(weights: Weights, folder: Path | None = None) -> Path:
         return beside
     cached = Path(platformdirs.user_cache_dir("tsbench")) / "weights" / weights.file
     if not cached.is_file():
+        # It imports what speaks HTTP, which most processes do without.
+        from tsbench.core.fetch import fetch_file
+
         fetch_file(weights.source, weights.size, weights.sha256, cached)
     return cached
 

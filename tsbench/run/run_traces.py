@@ -5,9 +5,8 @@ from __future__ import annotations
 from functools import cached_property, lru_cache
 from pathlib import Path
 
-import pyarrow.compute as pc
-
 from tsbench.core.errors import InputError
+from tsbench.core.parquet import with_text
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import Trace, read_trace, trace_path, write_trace
 from tsbench.run.edition import contract_hash, standing_contract
@@ -49,8 +48,7 @@ class Traces:
         """
         if not row["pair_id"]:
             return None
-        rows = self.run.of(row["planner"])
-        halves = rows.filter(pc.equal(rows["pair_id"], row["pair_id"])).to_pylist()
+        halves = with_text(self.run.of(row["planner"]), "pair_id", row["pair_id"]).to_pylist()
         other = next((half for half in halves if half["half"] != row["half"]), None)
         if other is None:
             return None

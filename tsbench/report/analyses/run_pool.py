@@ -14,10 +14,9 @@ from typing import Any
 from urllib.parse import unquote
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from tsbench.core.errors import InputError
-from tsbench.core.parquet import values_of
+from tsbench.core.parquet import values_of, with_text
 from tsbench.episode.outcome import Outcome
 from tsbench.episode.trace import trace_path
 from tsbench.metrics.aggregate import PlannerSummary, Summary, label, name_holes, summarise
@@ -77,9 +76,8 @@ class RunPool:
         """By planner and scenario: the clauses of needless obedience that its episode has events of."""
         found: dict[tuple[str, str], set[str]] = {}
         for run in self.runs:
-            events = run.violations
-            mask = pc.is_in(events["clause"], pa.array(NEEDLESS.clauses.split()))
-            for event in events.filter(mask).select(["planner", "scenario_id", "clause"]).to_pylist():
+            events = with_text(run.violations, "clause", *NEEDLESS.clauses.split())
+            for event in events.select(["planner", "scenario_id", "clause"]).to_pylist():
                 found.setdefault((event["planner"], event["scenario_id"]), set()).add(event["clause"])
         return {key: frozenset(clauses) for key, clauses in found.items()}
 

@@ -10,11 +10,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import pyarrow.compute as pc
-
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_atomic
 from tsbench.core.parallel import Workers, worker_processes
+from tsbench.core.parquet import with_text
 from tsbench.episode.trace import trace_path
 from tsbench.report.analyses.run_pool import EpisodeIndex, RunPool, by_interest, index_episodes, make_pool, read_pool
 from tsbench.report.page.episode_player import EpisodePacker, Packed, pack_plate
@@ -186,8 +185,8 @@ def episode_page(run: StoredRun, planner: str, scenario_id: str) -> str:
     row = next((r for r in rows.to_pylist() if r["scenario_id"] == scenario_id), None)
     if row is None:
         raise InputError(f"{run.path}: no episode of {planner} on {scenario_id}")
-    alike = pc.equal(rows["pair_id"], row["pair_id"]) if row["pair_id"] else pc.equal(rows["scenario_id"], scenario_id)
-    pool = make_pool([replace(run, episodes=rows.filter(alike))], allow_partial=True)
+    shown = "pair_id" if row["pair_id"] else "scenario_id"
+    pool = make_pool([replace(run, episodes=with_text(rows, shown, row[shown]))], allow_partial=True)
     # The traces of all other episodes are no strays.
     index = replace(index_episodes(pool), notes=())
     players = embed(index, sys.maxsize, 1, lambda _done, _of: None)

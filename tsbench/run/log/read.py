@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_json
+from tsbench.core.parquet import with_text
 from tsbench.core.typed import read_typed
 from tsbench.episode.perception_level import Perception
 from tsbench.run.edition import edition_here, edition_of, standing_contract
@@ -138,7 +138,7 @@ class StoredRun:
         return tell_rescored(self.path, self.contract, self.manifest["files"])
 
     def of(self, planner: str) -> pa.Table:
-        return self.episodes.filter(pc.is_in(self.episodes["planner"], pa.array([planner])))
+        return with_text(self.episodes, "planner", planner)
 
     def row(self, episode: str) -> dict[str, Any]:
         """The record of `scenario_id` or `planner/scenario_id`.
@@ -147,7 +147,7 @@ class StoredRun:
         """
         planner, _, scenario_id = episode.rpartition("/")
         rows = self.of(planner) if planner else self.episodes
-        found = rows.filter(pc.equal(rows["scenario_id"], scenario_id)).to_pylist()
+        found = with_text(rows, "scenario_id", scenario_id).to_pylist()
         if len(found) > 1:
             choices = ", ".join(_names(found))
             raise InputError(f"{self.path}: {episode} was driven by several planners, name one: {choices}")
