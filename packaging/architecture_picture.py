@@ -19,7 +19,7 @@ def package_imports() -> dict[str, set[str]]:
     """By package those that it imports."""
     found: dict[str, set[str]] = {package: set() for package in LAYER}
     for module, names in imports().items():
-        for name, _ in names:
+        for name in names:
             if package_of(module) and package_of(name) not in ("", package_of(module)):
                 found[package_of(module)].add(package_of(name))
     return found
