@@ -12,10 +12,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import pyarrow.parquet as pq
 import pytest
 
-from tsbench.core.provenance import versions
+from tsbench.core.provenance import DECIDING, versions
 from tsbench.episode.perception_level import EXACTLY, Perception, load_level
 from tsbench.episode.runner import EpisodeRunner
 from tsbench.episode.trace import write_trace
@@ -27,7 +26,7 @@ from tsbench.scenarios.data_set import DataSet
 from tsbench.scenarios.spec import ScenarioSpec
 
 GOLDEN = Path(__file__).with_name("golden.json")
-# These share all types; every other planner drives a pair of one type.
+# These share all types; every other planner drives a row of one type.
 TURNS = ("idm", "idm-e", "reader", "blind")
 # Their code, or what it needs, comes from elsewhere.
 ELSEWHERE = {"commonroad-reactive", "metadrive-ppo", "metadrive-ppo-e"}
@@ -48,7 +47,7 @@ def tasks() -> Iterator[tuple[str, str, list[ScenarioSpec]]]:
     for number, rows in enumerate(known):
         yield TURNS[number % len(TURNS)], "exact", rows
     for number, name in enumerate(sorted({*names()} - {*TURNS} - ELSEWHERE)):
-        yield name, "exact", known[(7 * number) % len(known)]
+        yield name, "exact", known[(7 * number) % len(known)][:1]
     for rows in known[::6]:
         yield *IMPERFECT, rows
 
@@ -68,18 +67,16 @@ def driven() -> dict[str, list[str]]:
                 result = runners[name, level].run(row)
                 record = make_record(result, resolve(name).privileged)
                 write_trace(trace, result)
-                table = pq.read_table(trace)
                 clauses = sorted({event["clause"] for event in record.events if event["target"]})
                 verdict = " ".join([record.row["outcome"], str(record.row["scd"]), *clauses])
-                content = repr((record.row, record.events, table.schema.metadata, table.to_pydict()))
-                digest = hashlib.sha256(content.encode()).hexdigest()[:16]
-                found[f"{name} {level} {row.scenario_id}"] = [verdict, digest]
+                digest = hashlib.sha256(repr((record.row, record.events)).encode() + trace.read_bytes())
+                found[f"{name} {level} {row.scenario_id}"] = [verdict, digest.hexdigest()[:16]]
     return found
 
 
 def machine() -> dict[str, object]:
     """What bytes depend on besides tsbench."""
-    return {"versions": versions(), "answers": arithmetic.facts()["answers"]}
+    return {"versions": versions((*DECIDING, "pyarrow")), "answers": arithmetic.facts()["answers"]}
 
 
 @pytest.mark.timeout(300)

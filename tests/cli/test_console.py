@@ -38,8 +38,8 @@ def test_without_a_terminal_a_line_is_written_now_and_then(
         (["compare", "runs/mine"], "plant2-f", "plant2-ft"),
         (["signs", "show"], "3.2", "3.24"),
         (["debug", "--planner"], "idm-", "idm-e"),
-        (["debug", "--planner", "idm", "--scenario"], "yield-j-msk-cc880", "yield-j-msk-cc880d3028-v0"),
-        (["scenarios", "show"], "yield-j-msk-cc880", "yield-j-msk-cc880d3028-v0"),
+        (["debug", "--planner", "idm", "--scenario"], "yield-j-msk-04a5", "yield-j-msk-04a55f1db8-v0"),
+        (["scenarios", "show"], "yield-j-msk-04a5", "yield-j-msk-04a55f1db8-v0"),
     ],
 )
 def test_the_shell_completes_names(words: list[str], typed: str, found: str) -> None:

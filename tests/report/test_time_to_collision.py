@@ -14,22 +14,23 @@ from tsbench.scenarios.scene_loader import load_scene
 from tsbench.sim.world import DT_S
 
 BLOCKED = "entered_while_blocked"
+GIVE_WAY = ("yield signed", "secondary_road signed")
 
 
 @pytest.fixture(scope="module")
 def drives() -> dict[str, Trace]:
     """`idm` in the first scene of some types and halves; it reads no sign."""
     runner = EpisodeRunner(resolve("idm"))
-    wanted = {("yield", half) for half in ("signed", "contrast")}
+    wanted = {"yield signed", "yield contrast", "speed_limit signed"}
     found: dict[str, Trace] = {}
     for row in DataSet().table("dev"):
         name = f"{row.pair_type} {row.half}"
-        again = name == "yield signed" and BLOCKED not in found
-        if (again or name not in found) and (row.pair_type, row.half) in wanted | {("speed_limit", "signed")}:
+        again = name in GIVE_WAY and BLOCKED not in found
+        if again or name in wanted - found.keys():
             trace = trace_of(runner.run(row))
             found.setdefault(name, trace)
             # A graver clause about the vehicle that comes first would hide its gap.
-            if name == "yield signed" and {e.clause for e in trace.against} == {BLOCKED}:
+            if name in GIVE_WAY and {e.clause for e in trace.against} == {BLOCKED}:
                 found[BLOCKED] = trace
     return found
 

@@ -75,7 +75,7 @@ def seen_by(name: str, env: DriveEnv) -> Any:
 
 
 def test_lanes_are_counted_from_the_egos(drive_env: Callable[..., DriveEnv]) -> None:
-    env = drive_env(split="dev", types="yield", half="signed")
+    env = drive_env(split="dev", types="direction_straight", half="signed")
     for scenario in sorted(env._by_id):
         env.reset(options={"scenario": scenario})
         if any(lane.order > 1 for lane in env.episode.context.network.lanes):
