@@ -45,10 +45,10 @@ def modules() -> dict[str, Path]:
 @cache
 def imports() -> dict[str, tuple[str, ...]]:
     """Who imports what: for each module the modules of tsbench that it names."""
-    return {name: tuple(one for one in imported(path) if one in modules()) for name, path in modules().items()}
+    return {name: tuple(one for one in _imported(path) if one in modules()) for name, path in modules().items()}
 
 
-def imported(path: Path) -> list[str]:
+def _imported(path: Path) -> list[str]:
     """What a file imports anywhere, but for the reader of types only."""
     found, statements = list[str](), list[ast.stmt](ast.parse(path.read_text(encoding="utf-8")).body)
     for node in statements:
@@ -58,7 +58,7 @@ def imported(path: Path) -> list[str]:
             assert not node.level, f"{path}: relative import"
             found += [_module_of(node.module, alias.name) for alias in node.names]
         elif not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)):
-            # Statements alone have imports in them, no expression has: fewer than one node in ten.
+            # Imports stand in statements, never in expressions.
             blocks = (getattr(node, name, ()) for name in ("body", "orelse", "finalbody", "handlers", "cases"))
             statements += [inner for block in blocks for inner in block]
     return found
