@@ -45,7 +45,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_collection_finish() -> None:
     """Take all that collecting has made out of the garbage collector's sight: it lasts as long as the tests do.
 
-    What tests make is looked at seldom: a run of drives takes a twentieth less time.
+    What tests make is looked at seldom, which takes less time.
     """
     gc.collect()
     gc.freeze()
