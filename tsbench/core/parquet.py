@@ -53,10 +53,10 @@ def columns(kind: pa.DataType, *names: str, nullable: bool = False) -> list[pa.F
 def with_text(table: pa.Table, column: str, *values: str) -> pa.Table:
     """The rows of a table that have one of these values in a column of text."""
     told = [value.encode() for value in values]
-    ends = [sum(map(len, told[:count])) for count in range(len(told) + 1)]
+    ends = np.cumsum([0, *map(len, told)], dtype=np.int32)
     # From buffers: `pa.array` and `pa.scalar` would import pandas, which takes longer than many an episode.
-    buffers = [pa.py_buffer(np.array(ends, np.int32)), pa.py_buffer(b"".join(told))]
-    return table.filter(pc.is_in(table[column], pa.StringArray.from_buffers(len(told), *buffers)))
+    wanted = pa.StringArray.from_buffers(len(told), pa.py_buffer(ends), pa.py_buffer(b"".join(told)))
+    return table.filter(pc.is_in(table[column], wanted))
 
 
 def save_rows(rows: Iterable[Any], path: Path, schema: pa.Schema) -> None:

@@ -203,6 +203,7 @@ def _trace(meta: Mapping[str, Any], table: Any) -> Trace:
         raise ValueError("no ticks")
     snapshots = snapshots_of(table, _table_from_dict(meta["actors"]))
     known = table.num_rows - table["acceleration"].null_count
+    # A null is NaN.
     commands = [table[name].slice(0, known).to_pylist() for name in ("acceleration", "steering")]
     return Trace(
         spec=typed(ScenarioSpec, meta["scenario"], strict=False),
