@@ -181,13 +181,15 @@ def test_a_run_from_before_pairs_reads_as_signed_rows(tmp_path: Path) -> None:
         ("limit_in_zone", ("needless", "needless_slow", "3.24"), (0.0, 25.0)),
         ("stop_and_no_turn", ("needless", "needless_stop", "2.4"), (25.0, 0.0)),
         ("limit_and_bus_lane", ("needless", "needless_detour", "3.24"), (0.0, 25.0)),
+        ("temporary_limit", ("speed", "speeding", "3.24", "sign_1"), (25.0, 0.0)),
+        ("temporary_limit", ("needless", "needless_slow", "3.24", "sign_0"), (0.0, 25.0)),
     ],
 )
 def test_a_square_names_the_sign_that_was_broken(
-    table, tmp_path: Path, type_id: str, said: tuple[str, str, str], share: tuple[float, float]
+    table, tmp_path: Path, type_id: str, said: tuple[str, ...], share: tuple[float, float]
 ) -> None:
     """idm breaks a sign in two rows of one square of two; a square with a row missing does not count."""
-    event = asdict(made.violation(3.0)) | dict(zip(("rule", "clause", "sign_code"), said, strict=True))
+    event = asdict(made.violation(3.0)) | dict(zip(("rule", "clause", "sign_code", "sign_id"), said, strict=False))
     kind = {"scenario_type": type_id, "group": "two_signs"}
     rows = []
     for m in range(3):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,8 @@ def test_from_behind_only_the_outline_is_told() -> None:
     watch = Watch("stop")
     sign, seen = watch.scene.target_signs[0], watch.target_from(-20.0)
     assert (seen.code, seen.value, seen.lane, seen.main_road, seen.outline) == ("", None, -1, (), "octagon")
+    assert not replace(seen, temporary=True).from_behind().temporary
+    assert not replace(seen, temporary=True).masked().temporary
     assert (seen.heading, seen.distance) == (sign.heading, pytest.approx(20.0))
     assert seen.edge
     assert math.isfinite(seen.position_m)

@@ -6,8 +6,10 @@ A case (`tests/cases/<rule>/<case>.yaml`):
         direction); each type has one of each.
     net: name of a net under tests/cases/nets.
     mirrored: code of the target's plate in the mirror image, where that is another one.
-    signs: plates, the target first: code, edge, position_m; as needed value, lane, role, ends, params.
+    signs: plates, the target first: code, edge, position_m; as needed value, lane, role, ends, params,
+        temporary.
     contrast: of `needless_*`, where the target binds nobody: the clause that the folder is named after, its params.
+    targets: how many of the signs are; as needed.
     watches: `wrong_way` where the monitor of all scenes is meant, and not the target's or the clause's.
     obstacles: id, lane, s (centre, m along the lane), length, width; as needed d (m left), turn (deg).
     ego, actors: path (ordinary lanes in order; those inside junctions are filled in) or points ([x, y] in
@@ -129,7 +131,7 @@ def _sign(spec: Spec, number: int, net: RoadNetwork, binds: bool) -> SignInstanc
         lane=spec.get("lane", ALL_LANES), position_m=float(spec["position_m"]), x=x, y=y,
         heading=lane.line.heading_at(spec["position_m"]),
         role=role, ends=spec.get("ends"),
-        params=plate_params(rule, params, binds=role == "target" and binds),
+        params=plate_params(rule, params, binds=role == "target" and binds), temporary=spec.get("temporary", False),
     )  # fmt: skip
 
 

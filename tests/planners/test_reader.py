@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from planner_loop import KMH, Body, World, constant, front_of, ids, load, target_plate, verdict
+from pool_builders import built_site, recipe_of, two_way
+from simworld import loader_of, simulation
 
 from tsbench.episode.perception_level import EXACTLY, Perception, load_level
 from tsbench.episode.runner import EpisodeRunner
-from tsbench.planners.observation import SignView
-from tsbench.planners.reader import Assertive, Cautious, Elderly, LegalStyle, Reader
-from tsbench.planners.registry import resolve
+from tsbench.planners.observation import Observation, SignView
+from tsbench.planners.reader import Assertive, Cautious, Elderly, FirstSign, LegalStyle, Reader
+from tsbench.planners.registry import LoadedPlanner, resolve
 from tsbench.roads.lane_graph import Destination
 from tsbench.run.log.record import make_record
 from tsbench.scenarios.data_set import DataSet
+from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.sim.world import DT_S, EGO_LENGTH_M
 
 READER, CAREFUL = (f"tsbench.planners.reader:{name}" for name in ("Reader", "Careful"))
@@ -63,6 +67,63 @@ def test_one_sign_of_two_is_half_of_a_square(name: str, rows_passed: int, type_i
     found = [make_record(runner.run(row), privileged=True).row["scd"] for row in rows]
     runner.close()
     assert sum(found) == rows_passed
+
+
+Told = tuple[str, float | None, bool]
+
+
+class Monochrome(Reader):
+    """Sees no ground: the later limit rules."""
+
+    def _read(self, observation: Observation) -> dict[str, Told]:
+        return {sign: (code, value, False) for sign, (code, value, _) in super()._read(observation).items()}
+
+
+class Slowest(Monochrome):
+    """The lowest of the limits that it has read rules."""
+
+    def _read(self, observation: Observation) -> dict[str, Told]:
+        found = self._told | super()._read(observation)
+        lowest = min((value for _, value, _ in found.values() if value is not None), default=None)
+        return {sign: (code, lowest, False) for sign, (code, _, _) in found.items()}
+
+
+class OnlyTemporary(Reader):
+    """Overlooks permanent plates."""
+
+    def _read(self, observation: Observation) -> dict[str, Told]:
+        return {sign: told for sign, told in super()._read(observation).items() if told[2]}
+
+
+@pytest.fixture(scope="module")
+def temporary_limit(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[ScenarioSpec, ...]]:
+    """A square of it on a road made by hand."""
+    root = tmp_path_factory.mktemp("square")
+    site = built_site(recipe_of("temporary_limit"), root, two_way(length=300.0), lambda variants: variants[:1])
+    assert not site.reason
+    return root, site.rows
+
+
+@pytest.mark.parametrize(
+    ("driver", "passed_rows"),
+    [
+        (Reader, [True, True, True, True]),
+        (Elderly, [True, True, True, True]),
+        (Assertive, [True, True, True, True]),
+        (Monochrome, [False, False, True, True]),
+        (Slowest, [True, False, False, False]),
+        (OnlyTemporary, [True, True, False, False]),
+        (FirstSign, [True, True, False, False]),
+    ],
+)
+def test_the_ground_of_a_limit_decides(
+    temporary_limit: tuple[Path, tuple[ScenarioSpec, ...]], driver: type[Reader], passed_rows: list[bool]
+) -> None:
+    root, rows = temporary_limit
+    runner = EpisodeRunner(
+        LoadedPlanner("driver", driver, privileged=True), simulation=simulation(), loader=loader_of(root)
+    )
+    assert [make_record(runner.run(row), privileged=True).row["scd"] for row in rows] == passed_rows
 
 
 STYLES = (Cautious, Elderly, Assertive)

@@ -11,7 +11,15 @@ from hypothesis import strategies as st
 from lxml import etree
 
 from tsbench.core.errors import InputError
-from tsbench.signs.annotations import ALL_LANES, ROLES, SignInstance, sign_to_poi, signs_from_additional, sumo_angle
+from tsbench.signs.annotations import (
+    ALL_LANES,
+    ROLES,
+    SignInstance,
+    overruled,
+    sign_to_poi,
+    signs_from_additional,
+    sumo_angle,
+)
 from tsbench.signs.catalog import load_catalog
 from tsbench.signs.rule_kinds import RULE_KINDS, GiveWayParams, ZoneParams
 
@@ -28,6 +36,7 @@ FIELDS = {
     "y": FLOATS,
     "heading": st.floats(-10, 10),
     "ends": st.none(),
+    "temporary": st.booleans(),
 }
 
 
@@ -75,6 +84,33 @@ def additional(*signs: SignInstance) -> etree._Element:
 def test_round_trip_through_text_is_exact(signs: list[SignInstance]) -> None:
     text = etree.tostring(additional(*signs), encoding="utf-8")
     assert signs_from_additional(etree.fromstring(text), CATALOG, "scene") == tuple(signs)
+
+
+def test_only_a_temporary_plate_says_so() -> None:
+    keys = [{param.get("key") for param in sign_to_poi(plate(temporary=is_one))} for is_one in (False, True)]
+    assert keys[1] - keys[0] == {"temporary"}
+
+
+TEMPORARY = plate(temporary=True, position_m=50.0, params=ZoneParams(("a", "b")), edge="a")
+
+
+@pytest.mark.parametrize(
+    ("change", "is_overruled"),
+    [
+        ({"edge": "a", "position_m": 60.0}, True),
+        ({"edge": "b", "position_m": 0.0}, True),
+        # Before the temporary plate, and where its zone is over.
+        ({"edge": "a", "position_m": 40.0}, False),
+        ({"edge": "c"}, False),
+        # A later temporary plate is obeyed as any later plate.
+        ({"edge": "b", "temporary": True}, False),
+    ],
+)
+def test_a_temporary_plate_overrules_permanent_ones_in_its_zone(change: dict[str, object], is_overruled: bool) -> None:
+    other = plate(id="other", value=60.0, **change)
+    assert overruled(other, [TEMPORARY, other]) is is_overruled
+    assert not overruled(TEMPORARY, [TEMPORARY, other])
+    assert not overruled(other, [plate(edge="a", position_m=50.0, params=ZoneParams(("a", "b")))])
 
 
 def test_an_end_plate_names_the_plate_it_ends() -> None:
@@ -159,6 +195,7 @@ def with_param(**attributes: str) -> etree._Element:
         (additional(plate(), plate()), "twice"),
         (with_param(key="code", value="2.4"), "a param has"),
         (with_param(value="2.4"), "a param has"),
+        (with_param(key="temporary", value="false"), "temporary: 'false' is not true"),
         (additional(plate(role="end", ends="gone")), "not in the scene"),
         (
             additional(plate(code="2.4", value=None, params=GiveWayParams("a b", "c", ("d",)))),

@@ -63,6 +63,14 @@ def test_every_plate_has_its_colours(code: str, size: int) -> None:
         assert share(pixels, COLOURS[colour]) >= least, colour
 
 
+def test_a_temporary_plate_is_the_same_on_yellow_ground() -> None:
+    usual, yellow = (plate_rgba(OWN, "3.24", 40.0, 128, temporary=is_one) for is_one in (False, True))
+    assert share(yellow, COLOURS["yellow"]) == pytest.approx(share(usual, COLOURS["white"]), abs=0.02)
+    assert share(yellow, COLOURS["red"]) == pytest.approx(share(usual, COLOURS["red"]), abs=0.02)
+    assert share(yellow, COLOURS["white"]) < 0.02
+    assert np.array_equal(usual, plate_rgba(OWN, "3.24", 40.0, 128))
+
+
 def test_corners_are_transparent() -> None:
     for code in SIGNS:
         assert not plate_rgba(OWN, code, posted(code), 64)[[0, 0, -1, -1], [0, -1, 0, -1], 3].any(), code

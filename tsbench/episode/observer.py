@@ -65,6 +65,7 @@ class Observer:
                     SignView(
                         code=s.code, value=s.value, x=s.x, y=s.y, heading=s.heading, edge=s.edge, lane=s.lane,
                         position_m=s.position_m, distance=distance, outline=s.outline, main_road=s.main_road,
+                        temporary=s.temporary,
                     )
                 )  # fmt: skip
         if len(signs) > 1:
@@ -143,6 +144,7 @@ def _plate(view: PlannerMap, scene: Scene, sign: SignInstance, main_road: tuple[
         distance=math.inf,
         outline=outline,
         main_road=main_road,
+        temporary=sign.temporary,
     )
 
 

@@ -25,7 +25,7 @@ class SignView:
     stands. distance: m from the ego's centre in a straight line. outline: the plate's shape, from the front and from
     behind: octagon, inverted_triangle, diamond, triangle, circle or rectangle. main_road: the plate 8.13 beneath it:
     the two directions in which the main road leads from the junction, rad to the left of straight on, the approach
-    itself at pi; () where none hangs there.
+    itself at pi; () where none hangs there. temporary: on yellow ground, as at road works.
     """
 
     code: str
@@ -39,6 +39,7 @@ class SignView:
     distance: float
     outline: str = ""
     main_road: tuple[float, ...] = ()
+    temporary: bool = False
 
     def masked(self) -> SignView:
         """What is left of it where identity is hidden: where it stands, and which way it faces."""

@@ -31,6 +31,7 @@ from tsbench.planners.observation import Observation
 # Told places are off by a few metres along the road; only targets stand nearer to each other.
 _SAME_POST_M = 4.0
 _SLOW_WITHIN_M, _BRAKE_MPS2, _SHARE = 40.0, 2.0, 0.55
+_Told = tuple[str, float | None, bool]
 
 
 class Reader:
@@ -48,8 +49,8 @@ class Reader:
         self._base = Idm(self.driver)
         self._context: PlannerContext
         self._privilege: Privilege
-        # Of each target by its id: code and value as they were read.
-        self._told: dict[str, tuple[str, float | None]] = {}
+        # Of each target by its id, as they were read: code, value, and whether it is temporary.
+        self._told: dict[str, _Told] = {}
         self._expert: Expert | None = None
 
     def reset(self, context: PlannerContext) -> None:
@@ -69,7 +70,7 @@ class Reader:
                 return self._expert.act(observation)
             except InputError:
                 # What was read leaves no way: it must be misread, so it is as if nothing stood there.
-                if all(self._told.get(sign.id) == (sign.code, sign.value) for sign in self._privilege.signs):
+                if all(self._told.get(s.id) == (s.code, s.value, s.temporary) for s in self._privilege.signs):
                     raise
                 self._expert = None
         return self.unread(observation, self._base.act(replace(observation, truth=None)))
@@ -79,13 +80,13 @@ class Reader:
         del observation
         return command
 
-    def _read(self, observation: Observation) -> dict[str, tuple[str, float | None]]:
-        found: dict[str, tuple[str, float | None]] = {}
+    def _read(self, observation: Observation) -> dict[str, _Told]:
+        found: dict[str, _Told] = {}
         for seen in observation.signs:
             far, target = min((math.hypot(seen.x - s.x, seen.y - s.y), s.id) for s in self._privilege.signs)
             read = identified(seen)
             if far < _SAME_POST_M and target in self._reads and read.code:
-                found.setdefault(target, (read.code, read.value))
+                found.setdefault(target, (read.code, read.value, read.temporary))
         return found
 
     def obeyed(self, code: str, value: float | None) -> float | None:
@@ -93,10 +94,13 @@ class Reader:
         del code
         return value
 
-    def _obeying(self, told: Mapping[str, tuple[str, float | None]]) -> Expert:
+    def _obeying(self, told: Mapping[str, _Told]) -> Expert:
         """The expert that obeys the plates that were read, as they were read."""
-        read = (sign for sign in self._privilege.signs if sign.id in told)
-        signs = tuple(replace(s, code=told[s.id][0], value=self.obeyed(*told[s.id])) for s in read)
+        read = ((sign, *told[sign.id]) for sign in self._privilege.signs if sign.id in told)
+        signs = tuple(
+            replace(sign, code=code, value=self.obeyed(code, value), temporary=temporary)
+            for sign, code, value, temporary in read
+        )
         expert = Expert(Idm(self.driver))
         expert.reset(replace(self._context, privilege=replace(self._privilege, signs=signs)))
         return expert

@@ -12,6 +12,7 @@ from types import MappingProxyType
 from tsbench.episode.trace import Trace
 from tsbench.rules.lines import Road
 from tsbench.rules.monitors import verdicts_of_other_half
+from tsbench.signs.annotations import SignInstance
 from tsbench.signs.contrast import SlowZoneParams
 from tsbench.signs.countries import Artwork, Country
 from tsbench.sim.scene import Scene
@@ -22,6 +23,11 @@ _UNITS = MappingProxyType({"m/s2": "m/s²", "deg": "°"})
 
 def sign_words(artwork: Artwork, code: str, value: float | None) -> str:
     return artwork.code(code) + ("" if value is None else f" ({artwork.value(value)})")
+
+
+def plate_words(artwork: Artwork, sign: SignInstance) -> str:
+    """The sign of a plate, and its ground where that is not the usual one."""
+    return sign_words(artwork, sign.code, sign.value) + (" on yellow ground" if sign.temporary else "")
 
 
 def unit_words(unit: str) -> str:
@@ -53,7 +59,7 @@ def sign_name(scene: Scene) -> str:
     """The targets of a scene with their names, such as "2.4 Give way"."""
     artwork, catalog = scene.artwork(), scene.catalog
     return " and ".join(
-        f"{sign_words(artwork, sign.code, sign.value)} {catalog.sign(sign.code).name_en}" for sign in scene.target_signs
+        f"{plate_words(artwork, sign)} {catalog.sign(sign.code).name_en}" for sign in scene.target_signs
     )
 
 
@@ -86,7 +92,7 @@ def scene_facts(scene: Scene, country: Country | None = None) -> dict[str, str]:
     artwork = scene.artwork(country)
     return {
         "sign": "; ".join(
-            f"{sign_words(artwork, sign.code, sign.value)} on edge {sign.edge} at {sign.position_m:.0f} m"
+            f"{plate_words(artwork, sign)} on edge {sign.edge} at {sign.position_m:.0f} m"
             for sign in scene.target_signs
         ),
         "plates": ", ".join(f"{artwork.code(s.code)} ({s.role}) on {s.edge}" for s in scene.signs),

@@ -14,6 +14,7 @@ from tsbench.geometry.polyline import Polyline
 from tsbench.roads.network import RoadNetwork
 from tsbench.rules.monitor import Monitor, Zone
 from tsbench.rules.speed import KMH_PER_MPS
+from tsbench.signs.annotations import overruled
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.world import DT_S, EGO_LENGTH_M, EgoState, WorldSnapshot
 
@@ -53,9 +54,9 @@ class OtherLimits:
 
     def __init__(self, monitor: Monitor) -> None:
         scene, self._calm = monitor.scene, monitor.rule.thresholds["calm_mps2"]
-        others = (sign for sign in scene.target_signs if sign.id != monitor.sign.id)
-        limits = (sign for sign in others if scene.rule(sign).name == "speed")
-        self._zones = [(Zone(monitor, sign), sign.posted / KMH_PER_MPS) for sign in limits]
+        limits = [sign for sign in scene.target_signs if scene.rule(sign).name == "speed"]
+        others = (sign for sign in limits if sign.id != monitor.sign.id and not overruled(sign, limits))
+        self._zones = [(Zone(monitor, sign), sign.posted / KMH_PER_MPS) for sign in others]
 
     def at(self, ego: EgoState) -> float:
         """The speed where the ego is; without such a limit any."""

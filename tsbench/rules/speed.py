@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+
 from tsbench.rules.monitor import Monitor, Zone
-from tsbench.signs.annotations import SignInstance
+from tsbench.signs.annotations import SignInstance, overruled
 from tsbench.signs.catalog import RuleSpec
 from tsbench.sim.scene import Scene
 from tsbench.sim.world import WorldSnapshot
@@ -12,12 +14,16 @@ KMH_PER_MPS = 3.6
 
 
 class Speed(Monitor):
-    """Not faster than posted, plus the tolerance, while the ego's front is in the zone."""
+    """Not faster than posted, plus the tolerance, while the ego's front is in the zone.
+
+    A plate that a temporary one overrules is passed and never broken.
+    """
 
     def __init__(self, sign: SignInstance, rule: RuleSpec, scene: Scene) -> None:
         super().__init__(sign, rule, scene)
         self._zone = Zone(self)
-        self._threshold = sign.posted + rule.thresholds["tolerance_kmh"]
+        alike = (one for one in scene.signs if scene.rule(one).name == rule.name)
+        self._threshold = math.inf if overruled(sign, alike) else sign.posted + rule.thresholds["tolerance_kmh"]
         self._over = self.excursion("over_limit")
 
     def step(self, snapshot: WorldSnapshot) -> None:

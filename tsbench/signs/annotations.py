@@ -6,7 +6,7 @@ so a plate that is written and read again is equal to the one before.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from lxml import etree
@@ -14,7 +14,7 @@ from lxml import etree
 from tsbench.core.errors import InputError
 from tsbench.signs.catalog import Catalog
 from tsbench.signs.contrast import CONTRAST
-from tsbench.signs.rule_kinds import RULE_KINDS, Params, PlateParams, read_params
+from tsbench.signs.rule_kinds import RULE_KINDS, Params, PlateParams, ZoneParams, read_params
 
 ALL_LANES = -1
 TARGET, DISTRACTOR = "target", "distractor"
@@ -22,7 +22,7 @@ ROLES = (TARGET, "end", "context", DISTRACTOR)
 
 _COLORS = {"target": "red", "end": "grey", "context": "orange", DISTRACTOR: "orange"}
 _LAYER = "100"
-_RESERVED = frozenset({"code", "value", "edge", "lane", "position_m", "heading", "role", "ends"})
+_RESERVED = frozenset({"code", "value", "edge", "lane", "position_m", "heading", "role", "ends", "temporary"})
 _ANGLE_TOLERANCE_DEG = 0.01
 
 
@@ -37,6 +37,7 @@ class SignInstance:
     "target" (the scene's watched sign), "end" (closes the target's zone), "context" (belongs to the target's scenes) or
     "distractor" (any plate, where it does not bind the ego). ends: id of the plate that it ends. params: what its kind
     of rule needs to know beside; None on a plate that binds nobody who is watched, and where the rule needs nothing.
+    temporary: stands on yellow ground, as at road works (`overruled`).
     """
 
     id: str
@@ -51,6 +52,7 @@ class SignInstance:
     role: str
     ends: str | None = None
     params: PlateParams | None = None
+    temporary: bool = False
 
     def __post_init__(self) -> None:
         for name in ("value", "position_m", "x", "y", "heading"):
@@ -81,6 +83,20 @@ class SignInstance:
         return self.params
 
 
+def overruled(plate: SignInstance, others: Iterable[SignInstance]) -> bool:
+    """Is a permanent plate within the zone of a temporary one? Then the temporary one rules on, and the plate nothing.
+
+    others: plates of the same rule. Source: PDD, Appendix 1: section 3 (yellow ground), last paragraph.
+    """
+    return not plate.temporary and any(
+        other.temporary
+        and isinstance(other.params, ZoneParams)
+        and plate.edge in other.params.zone_edges
+        and (plate.edge != other.edge or plate.position_m > other.position_m)
+        for other in others
+    )
+
+
 def sumo_angle(heading: float) -> float:
     """SUMO's angle (degrees clockwise from north, 0 <= angle < 360) of a mathematical heading in rad."""
     angle = (90.0 - math.degrees(heading)) % 360.0
@@ -103,6 +119,7 @@ def sign_to_poi(sign: SignInstance) -> etree._Element:
         "heading": repr(float(sign.heading)),
         "role": sign.role,
         "ends": sign.ends,
+        "temporary": "true" if sign.temporary else None,
     }
     ruled = {} if sign.params is None else sign.params.texts()
     for key, text in (*params.items(), *sorted(ruled.items())):
@@ -144,6 +161,8 @@ def _sign_from_poi(poi: etree._Element, catalog: Catalog, source: str, contrast:
     extra = {key: text for key, text in given.items() if key not in _RESERVED}
     try:
         rule = catalog.sign(given["code"]).rule.name
+        if given.get("temporary", "true") != "true":
+            raise ValueError(f"temporary: {given['temporary']!r} is not true")
         sign = SignInstance(
             id=poi.get("id", ""),
             code=given["code"],
@@ -157,6 +176,7 @@ def _sign_from_poi(poi: etree._Element, catalog: Catalog, source: str, contrast:
             role=given["role"],
             ends=given.get("ends"),
             params=plate_params(rule, extra, binds=given["role"] == "target" and not contrast),
+            temporary="temporary" in given,
         )
         angle = float(poi.attrib["angle"])
     except KeyError as error:

@@ -3,7 +3,9 @@
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
+
+from msgspec import Meta
 
 from tsbench.core.typed import Count, Number, Text, read_sheet
 from tsbench.signs.model import (
@@ -119,7 +121,7 @@ class _PlacesFile:
 @dataclass(frozen=True, kw_only=True)
 class _CombinedFile:
     table: str
-    types: dict[str, tuple[str, str]]
+    types: dict[str, Annotated[tuple[str, ...], Meta(min_length=1, max_length=2)]]
 
 
 def parse_distances(path: Path) -> Distances:
@@ -134,7 +136,8 @@ def parse_combined(path: Path, types: Sequence[ScenarioType]) -> tuple[ScenarioT
 
 def _combined(file: _CombinedFile, types: Sequence[ScenarioType]) -> Iterator[ScenarioType]:
     known = {kind.id: kind for kind in types}
-    for number, (name, parts) in enumerate(file.types.items(), len(types) + 1):
+    for number, (name, given) in enumerate(file.types.items(), len(types) + 1):
+        parts = given if len(given) > 1 else given * 2
         for part in parts:
             if part not in known:
                 raise ValueError(f"types: {name}: {part!r} is no type of one sign")

@@ -57,30 +57,35 @@ def number_path(number: float) -> tuple[str, float, float]:
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _CAP_HEIGHT = 0.73  # height of a digit as a share of the font size, as in common sans-serif fonts
+_WHITE, _YELLOW = "#ffffff", "#fdc500"
 _CACHED_PICTURES = 512
 
 
-def plate_svg(artwork: Artwork, code: str, value: float | None = None) -> str:
+def plate_svg(artwork: Artwork, code: str, value: float | None = None, *, temporary: bool = False) -> str:
     """The plate as an SVG document of 200 x 200 units without any text element.
 
-    value: required where the sign prints one. Raises InputError for an unknown code or a drawing that does not parse,
-    ValueError for a value that the sign cannot carry.
+    value: required where the sign prints one. temporary: its white ground is yellow. Raises InputError for an unknown
+    code or a drawing that does not parse, ValueError for a value that the sign cannot carry.
     """
-    return _svg(*artwork.drawing(code, value))
+    return _svg(*artwork.drawing(code, value), temporary=temporary)
 
 
-def plate_rgba(artwork: Artwork, code: str, value: float | None, size_px: int) -> npt.NDArray[np.uint8]:
+def plate_rgba(
+    artwork: Artwork, code: str, value: float | None, size_px: int, *, temporary: bool = False
+) -> npt.NDArray[np.uint8]:
     """The plate as a read-only (size_px, size_px, 4) array of RGB with straight alpha, 0 around the plate.
 
     Raises as `plate_svg` does, and ValueError for a size below 1 px.
     """
     if size_px < 1:
         raise ValueError(f"a picture of {size_px} px")
-    return _rgba(*artwork.drawing(code, value), size_px)
+    return _rgba(*artwork.drawing(code, value), size_px=size_px, temporary=temporary)
 
 
-def _svg(path: Path, number: float | None) -> str:
+def _svg(path: Path, number: float | None, *, temporary: bool) -> str:
     root = etree.fromstring(_drawing(path))
+    for ground in root.iterfind(f".//*[@fill='{_WHITE}']") if temporary else ():
+        ground.set("fill", _YELLOW)
     for text in list(root.iter(f"{_SVG}text")):
         if text.text != "{value}" or number is None:
             raise InputError(f"{path}: text {text.text!r}: only {{value}} of a sign that posts one may be text")
@@ -91,8 +96,9 @@ def _svg(path: Path, number: float | None) -> str:
 
 
 @lru_cache(maxsize=_CACHED_PICTURES)
-def _rgba(path: Path, number: float | None, size_px: int) -> npt.NDArray[np.uint8]:
-    png = svg_to_bytes(svg_string=_svg(path, number), width=size_px, height=size_px, skip_system_fonts=True)
+def _rgba(path: Path, number: float | None, *, size_px: int, temporary: bool) -> npt.NDArray[np.uint8]:
+    svg = _svg(path, number, temporary=temporary)
+    png = svg_to_bytes(svg_string=svg, width=size_px, height=size_px, skip_system_fonts=True)
     with Image.open(io.BytesIO(png)) as picture:
         pixels = np.array(picture.convert("RGBA"))
     pixels.setflags(write=False)

@@ -29,7 +29,7 @@ from tsbench.sim.world import ActorKind, Actors, ActorTable, Agents, EgoState, W
 
 FRONT = SignView("2.1", None, 1.0, 2.0, 0.5, "e", -1, 3.0, 10.0, "diamond", (-1.5, np.pi))
 LIMIT = SignView("3.24", 40.0, 1.0, 2.0, 0.5, "e", 1, 3.0, 20.0, "circle")
-SIGNS = (FRONT, LIMIT, LIMIT.from_behind(), FRONT.masked())
+SIGNS = (FRONT, LIMIT, replace(LIMIT, temporary=True), LIMIT.from_behind(), FRONT.masked())
 LINE = Polyline([[0.0, 0.0], [1.0, 0.1], [5.0, 1 / 3]])
 PATH = RoutePath(("a", "b"), LINE, (PathPiece(0.0, 4.0, 1),), np.zeros(1), np.array([13.9]), 4.0)
 

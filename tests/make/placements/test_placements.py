@@ -26,9 +26,11 @@ from tsbench.make.scenes.map_scenarios import MapScenarios
 from tsbench.make.scenes.recipe import Variant
 from tsbench.make.scenes.verify import lint_scene
 from tsbench.roads.lane_graph import LaneGraph
+from tsbench.rules.monitors import make_monitors
 from tsbench.scenarios.certificates import Certificate
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.spec import ScenarioSpec
+from tsbench.signs.annotations import overruled
 from tsbench.signs.catalog import load_catalog
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -47,6 +49,7 @@ MAPS: dict[str, tuple[PoolRow, PlainNet]] = {
     "limit_and_stop": (crossroads(), cross_plain()),
     "limit_and_crosswalk": two_way(length=240.0),
     "limit_and_bus_lane": two_way(speed=LIMIT, length=250.0),
+    "temporary_limit": two_way(length=300.0),
 }
 
 
@@ -252,6 +255,29 @@ def test_a_square_is_two_pairs_that_differ_in_one_sign_each(type_id: str, tmp_pa
     assert clauses == [set(), mine, theirs, mine | theirs]
     posts = [{(p.edge, p.position_m) for p in s.signs} for s in scenes]
     assert posts[1:] == posts[:-1]
+
+
+# Of each row which of the two plates is temporary, which posts the higher value, and the limits that bind between the
+# plates and behind the second: low or high.
+TEMPORARY_LIMIT = [(0, 1, "LL"), (0, 0, "HH"), (1, 1, "LH"), (1, 0, "HL")]
+
+
+def test_the_temporary_one_of_two_limits_rules(tmp_path: Path) -> None:
+    site = build("temporary_limit", tmp_path, (0,))
+    scenes = [loader_of(tmp_path).load(row)[0] for row in site.rows]
+    assert len({(s.start, s.destination, frozenset((p.edge, p.position_m) for p in s.signs)) for s in scenes}) == 1
+    assert len({frozenset(p.posted for p in s.target_signs) for s in scenes}) == 1
+    for scene, (temporary, higher, limits) in zip(scenes, TEMPORARY_LIMIT, strict=True):
+        plates, number = scene.target_signs, scene.targets.index
+        assert plates[1 - temporary].temporary < plates[temporary].temporary
+        assert plates[1 - higher].posted < plates[higher].posted
+        # No other plate tells how far a limit goes, and each clause is about the plate where its stretch begins.
+        assert len(scene.signs) == 2
+        assert {c.name for c in scene.contrast} <= {"needless_slow"}
+        assert [number(c.sign) for c in scene.contrast] == [k for k, limit in enumerate(limits) if limit == "H"]
+        assert [overruled(plate, plates) for plate in plates] == [False, temporary == 0]
+        monitors = make_monitors(scene)
+        assert [type(m).__name__ for m in monitors.targets] == ["Speed", "Speed"]
 
 
 def test_a_stop_is_made_for_where_no_vehicle_comes(networks: Networks) -> None:

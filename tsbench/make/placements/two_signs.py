@@ -18,7 +18,7 @@ from tsbench.make.scenes.plate_roads import plate_roads
 from tsbench.make.scenes.recipe import Recipe
 from tsbench.roads.lane_graph import LaneGraph, Turn
 from tsbench.scenarios.map_pool import PoolRow
-from tsbench.signs.annotations import DISTRACTOR, TARGET, SignInstance
+from tsbench.signs.annotations import DISTRACTOR, TARGET, SignInstance, overruled
 from tsbench.signs.contrast import ContrastClause, PassageParams, SlowZoneParams
 from tsbench.signs.rule_kinds import GiveWayParams, ZoneParams
 from tsbench.sim.scene import EgoStart
@@ -135,6 +135,72 @@ class LimitAheadPlacement(TwoSignsPlacement):
             start=replace(a.start, speed=v0),
             closed_edges=frozenset({*a.closed_edges, lane.edge}),
         )
+
+
+class TemporaryLimitPlacement(LimitAheadPlacement):
+    """Two limits on one road, of which the temporary one rules where they differ, until the next junction.
+
+    It stands first, in the last sign's contrast half second: the grounds change places. In the first sign's contrast
+    half the values do, of which the lower is the first otherwise. The ego's way ends before the junction.
+    Source: docs/contrast.md, "Two signs at once".
+    """
+
+    def __init__(self, recipe: Recipe) -> None:
+        assert recipe.last is not None
+        super().__init__(recipe, _LimitUntilJunction(recipe.last))
+
+    def contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
+        """The grounds exchanged."""
+        last, first = signed.signs
+        until_last = replace(first, params=ZoneParams((first.edge,)), temporary=False)
+        return self._with_clauses(task, replace(signed, signs=(replace(last, temporary=True), until_last)))
+
+    def first_contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
+        """The values exchanged."""
+        last, first = signed.signs
+        signs = (replace(last, value=first.value), replace(first, value=last.value))
+        return self._with_clauses(task, replace(signed, signs=signs))
+
+    def _with_clauses(self, task: SceneTask, a: Arrangement) -> Arrangement:
+        """No stretch where the higher value rules is driven needlessly slowly."""
+        last, first = a.signs
+        zone = last.params_as(ZoneParams).zone_edges[:-1]
+        lower, road = min(last.posted, first.posted), task.network.lane(a.start.lane).speed / KMH
+        length = sum(task.network.edge_lanes(edge)[0].line.length for edge in zone)
+        until = _place_of_last(task, a) - self._first.number("slow_until_last_m")
+        from_last = self._first.number("slow_from_last_m")
+        stretches = (
+            (first.id, first.posted, (first.edge,), first.position_m, until),
+            (last.id, (first if overruled(last, [first]) else last).posted, zone, from_last, length),
+        )
+        clauses = tuple(
+            ContrastClause("needless_slow", SlowZoneParams(edges, start, end, min(value, road)), sign)
+            for sign, value, edges, start, end in stretches
+            if value > lower
+        )
+        return replace(a, contrast=clauses)
+
+    def _posted(self, of_last: Sequence[SignInstance]) -> list[float]:  # noqa: ARG002
+        """The last sign's value is chosen behind the first one's."""
+        return []
+
+    def _with_first(self, task: SceneTask, a: Arrangement) -> Arrangement:
+        """The first plate is the temporary one, and posts the lower value."""
+        found = super()._with_first(task, a)
+        last, first = found.signs
+        value = self._limit.other(self._on_approach(task, a.start), first.posted)
+        zone = ZoneParams((first.edge, *last.params_as(ZoneParams).zone_edges))
+        return replace(found, signs=(replace(last, value=value), replace(first, params=zone, temporary=True)))
+
+
+class _LimitUntilJunction(SpeedZonePlacement):
+    """A limit without an end plate, which would tell from afar what rules."""
+
+    behind_zone = ("end_before_edge_m",)
+    ends_in_zone = True
+
+    def _signs(self, task: SceneTask, zone: Sequence[str], last: str, limit: float) -> tuple[SignInstance, ...]:
+        return super()._signs(task, zone, last, limit)[:1]
 
 
 class StopAheadPlacement(TwoSignsPlacement):

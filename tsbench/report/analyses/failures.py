@@ -277,19 +277,20 @@ def _rows(pool: RunPool, kind: ScenarioType, broken: dict[tuple[str, str], set[s
 
 def _broken(pool: RunPool, catalog: Catalog) -> dict[tuple[str, str], set[str]]:
     """By planner and scenario the signs with an event that counts."""
-    first: dict[str, tuple[tuple[str, ...], Sequence[str]]] = {}
+    first: dict[str, tuple[tuple[str, ...], Sequence[str], str]] = {}
     for kind in catalog.combined:
         one, other = (catalog.type(part).codes for part in kind.parts)
         rule, of_last = (catalog.sign(codes[0]).rule.name for codes in (one, other))
-        # Two signs of one rule differ in their codes.
-        first[kind.id] = (rule, *_NEEDLESS_OF[rule]), one if rule == of_last else ()
+        # Two signs of one rule differ in their codes, or are of one type, whose last plate has the number 0.
+        last = "sign_0" if one == other else ""
+        first[kind.id] = (rule, *_NEEDLESS_OF[rule]), one if rule == of_last else (), last
     found: dict[tuple[str, str], set[str]] = defaultdict(set)
-    columns = ["planner", "scenario_id", "target", "rule", "clause", "sign_code"]
+    columns = ["planner", "scenario_id", "target", "rule", "clause", "sign_id", "sign_code"]
     for run in pool.runs:
         for event in run.violations.select(columns).to_pylist():
-            own, codes = first.get(event["scenario_id"].partition("-")[0], ((), ()))
+            own, codes, last = first.get(event["scenario_id"].partition("-")[0], ((), (), ""))
             if own and event["target"] and event["rule"] != catalog.wrong_way.name:
                 is_first = not {event["rule"], event["clause"]}.isdisjoint(own)
-                is_first &= not codes or event["sign_code"] in codes
+                is_first &= (not codes or event["sign_code"] in codes) and event["sign_id"] != last
                 found[event["planner"], event["scenario_id"]].add(_FIRST if is_first else _LAST)
     return found

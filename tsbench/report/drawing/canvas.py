@@ -190,6 +190,7 @@ class DrawnPlate:
 
     away: unit vector in the picture (rows grow downwards) that leads off the road; clear: distance to the kerb.
     artwork: how it looks. below: name of the main road's shape beneath it (`MainRoad.key`), "" = none.
+    temporary: on yellow ground.
     """
 
     name: str
@@ -204,6 +205,7 @@ class DrawnPlate:
     target: bool
     artwork: Artwork
     below: str = ""
+    temporary: bool = False
 
 
 Shape = Area | Line | Body | DrawnPlate

@@ -66,7 +66,7 @@ def header(
     side = height - 12
     x = pad
     for sign in signs:
-        plate = plate_rgba(artwork, sign.code, sign.value, side)
+        plate = plate_rgba(artwork, sign.code, sign.value, side, temporary=sign.temporary)
         paste(image, x, 6, plate[..., :3], plate[..., 3])
         x += side + pad
     room = size.width - x - pad - (0 if size.compact else spare_px + pad)

@@ -332,7 +332,7 @@ def _plate(
         frame = np.array([_fixed(centre + np.array(d) * half) for d in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
         cv2.fillPoly(image, [frame], STYLE.marking, cv2.LINE_AA, SHIFT)
         cv2.polylines(image, [frame], True, STYLE.plate_line, 3, cv2.LINE_AA, SHIFT)
-    picture = plate_rgba(plate.artwork, plate.code, plate.value, size)
+    picture = plate_rgba(plate.artwork, plate.code, plate.value, size, temporary=plate.temporary)
     left, top = np.rint(centre - size / 2).astype(int).tolist()
     paste(image, left, top, picture[..., :3], picture[..., 3])
     if plate.below:

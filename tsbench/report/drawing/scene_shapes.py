@@ -322,7 +322,7 @@ def furniture_shapes(scene: Scene, country: Country | None = None) -> Iterator[S
         yield DrawnPlate(
             name=sign.id, role=sign.role, code=sign.code, value=sign.value, x=sign.x, y=sign.y, heading=sign.heading,
             away=away, clear=clear, target=sign.id in scene.targets, artwork=artwork,
-            below=turning[sign.id].key if sign.id in turning else "",
+            below=turning[sign.id].key if sign.id in turning else "", temporary=sign.temporary,
         )  # fmt: skip
 
 

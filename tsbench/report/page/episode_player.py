@@ -153,7 +153,7 @@ def _gap(scene: Scene) -> float | None:
 
 def _told(trace: Trace, scene: Scene) -> list[dict[str, Any]]:
     """What imperfect eyes told, beside what stood there; "" for a post, and where nothing stood."""
-    stood = {sign.id: plate_key(sign.code, sign.value) for sign in scene.signs}
+    stood = {sign.id: plate_key(sign.code, sign.value, temporary=sign.temporary) for sign in scene.signs}
     return [
         {
             "time": trace.snapshots[one.step].time,

@@ -192,7 +192,7 @@ def drawing(shapes: Iterable[Shape]) -> dict[str, Any]:
                     "ay": round(float(shape.away[1]), 3),
                     "clear": round(shape.clear, 1),
                 }
-                own = {"plate": plate_key(shape.code, shape.value), "below": shape.below}
+                own = {"plate": plate_key(shape.code, shape.value, temporary=shape.temporary), "below": shape.below}
                 plates.append({**place, **own, "target": shape.target})
     drawn = {"areas": areas, "lines": lines, "plates": plates, "bodies": bodies}
     return {"unit": UNIT_M, "x0": 0, "y0": 0, **drawn}
@@ -218,8 +218,11 @@ def _body_dict(kind: str, *numbers: float) -> dict[str, Any]:
     return {"c": kind, "x": x, "y": y, "h": h, "l": length, "w": width}
 
 
-def plate_key(code: str, value: float | None) -> str:
-    return code if value is None else f"{code}|{value:g}"
+_TEMPORARY = "|temporary"
+
+
+def plate_key(code: str, value: float | None, *, temporary: bool = False) -> str:
+    return code + (f"|{value:g}" if value is not None else "") + (_TEMPORARY if temporary else "")
 
 
 def plate_keys(drawing: dict[str, Any]) -> tuple[str, ...]:
@@ -230,10 +233,11 @@ def plate_keys(drawing: dict[str, Any]) -> tuple[str, ...]:
 
 def plate_of(artwork: Artwork, key: str) -> str:
     """A plate's picture as SVG. Raises InputError or ValueError for a key that names none."""
-    code, bar, value = key.partition("|")
+    usual = key.removesuffix(_TEMPORARY)
+    code, bar, value = usual.partition("|")
     if code == main_road.CODE:
         return main_road_svg(key)
-    return plate_svg(artwork, code, float(value) if bar else None)
+    return plate_svg(artwork, code, float(value) if bar else None, temporary=usual != key)
 
 
 def _flat(points: Array) -> list[int]:

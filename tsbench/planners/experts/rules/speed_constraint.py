@@ -13,7 +13,7 @@ from tsbench.planners.geometry import HALF_LENGTH_M
 from tsbench.planners.observation import Observation
 from tsbench.roads.lane_graph import RoutePath
 from tsbench.roads.road_map import RoadMap
-from tsbench.signs.annotations import SignInstance
+from tsbench.signs.annotations import SignInstance, overruled
 from tsbench.sim.navigation import RouteView
 
 KMH = 1.0 / 3.6
@@ -30,12 +30,13 @@ class SpeedConstraint(RuleConstraint):
         self._plate = privilege.view.on_edge(sign.edge, sign.position_m)
         self._limit = (sign.posted - _MARGIN_KMH) * KMH
         self._ended_by = privilege.rule(sign).ended_by
-        # Another limit ends this one where it begins.
-        others = (s for s in privilege.signs if s != sign and privilege.rule(s).name == "speed")
-        self._others = [privilege.view.on_edge(s.edge, s.position_m) for s in others]
+        # Another limit ends this one where it begins, unless this one overrules it.
+        others = [s for s in privilege.signs if s != sign and privilege.rule(s).name == "speed"]
+        ending = (s for s in others if not overruled(s, [sign]))
+        self._others = [privilege.view.on_edge(s.edge, s.position_m) for s in ending]
         self._path: RoutePath | None = None
         self._line_s = math.inf
-        self._inside = self._over = False
+        self._inside, self._over = False, overruled(sign, others)
         # End plates before the zone end another one.
         self._earlier: frozenset[tuple[str, float]] = frozenset()
 
