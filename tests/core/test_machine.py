@@ -9,10 +9,18 @@ import threading
 import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
+from pathlib import Path
 
 import pytest
 
-from tsbench.core.machine import children_of, one_thread_each, processor_s, resident_below_mb, resident_mb
+from tsbench.core.machine import (
+    children_of,
+    module_command,
+    one_thread_each,
+    processor_s,
+    resident_below_mb,
+    resident_mb,
+)
 
 # Starts a process that ends at once, waits for it, and so on.
 RESTLESS = """
@@ -79,3 +87,11 @@ def test_they_have_one_thread_and_the_training_keeps_its_own(monkeypatch: pytest
     assert told == ["1", "1"]
     assert os.environ["OMP_NUM_THREADS"] == "7"
     assert "OPENBLAS_NUM_THREADS" not in os.environ
+
+
+def test_a_module_is_run_as_by_its_name_and_garbage_is_collected_seldom(tmp_path: Path) -> None:
+    code = "import gc, sys\nprint(__name__, __spec__.name, gc.get_threshold()[0], sys.argv[1:])"
+    (tmp_path / "told.py").write_text(code)
+    command = [*module_command("told"), "one", "two"]
+    done = subprocess.run(command, env={"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True, check=True)
+    assert done.stdout == "__main__ told 20000 ['one', 'two']\n"

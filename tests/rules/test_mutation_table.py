@@ -9,6 +9,7 @@ import sys
 import tomllib
 from pathlib import Path
 
+import pytest
 from mutation_table import count, faults, table
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -45,6 +46,7 @@ def test_a_file_may_fall_behind_by_a_little_only() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_the_copied_tests_find_all_that_they_read(tmp_path: Path) -> None:
     """mutmut runs them in a folder that has its sources, the tests and what `also_copy` names.
 

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import msgspec
-import pyarrow as pa
 from msgspec import Meta
 
 from tsbench.core.errors import InputError
@@ -31,7 +30,9 @@ from tsbench.metrics.aggregate import summarise
 from tsbench.metrics.episode_metrics import EPISODE_METRICS
 from tsbench.metrics.scd import SCD
 from tsbench.planners.base import DEVICES
-from tsbench.run.log.record import EPISODES, Row, head_row
+from tsbench.run.log.journal import table_of
+from tsbench.run.log.read import EPISODES
+from tsbench.run.log.record import Row, head_row
 from tsbench.run.planner_info import PlannerInfo
 from tsbench.scenarios.data_set import SPLITS
 from tsbench.scenarios.spec import ScenarioSpec
@@ -331,9 +332,7 @@ def figures_of(
         # Of the other metrics a submission tells nothing, and nothing is made of these.
         others = {m.column: None if error else m.kind() for m in EPISODE_METRICS}
         rows.append({**row, **others, SCD.column: episode.scd})
-    told = summarise(
-        pa.Table.from_pylist(rows, schema=EPISODES), contract_hash=contract, asked={planner.name: len(rows)}
-    )
+    told = summarise(table_of(EPISODES, rows), contract_hash=contract, asked={planner.name: len(rows)})
     figures = []
     for name, scores in told.planners[0].scores.items():
         for over, both in {**scores.panels("all"), **scores.types}.items():

@@ -11,6 +11,7 @@ import click
 
 from tsbench import __version__
 from tsbench.core.errors import InputError, TsbenchError, load, missing_extra
+from tsbench.core.machine import collect_garbage_seldom
 from tsbench.core.streams import STDOUT, standard_streams
 from tsbench.core.text import did_you_mean
 
@@ -103,6 +104,7 @@ def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit: 0 done, 1 errors, holes or broken off, 2 bad input, 3 verdicts equal but
     bytes not comparable, 130 interrupted.
     """
+    collect_garbage_seldom()
     with standard_streams():
         code = _code_of(lambda: cli.main(args=arguments, prog_name="tsbench", standalone_mode=False))
         # What was printed last has to arrive, too.

@@ -16,9 +16,9 @@ from statistics import NormalDist
 import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from tsbench.core.errors import InputError
+from tsbench.core.parquet import with_text
 from tsbench.geometry.polyline import Array
 from tsbench.metrics.breakdown import Mask, Scores, StrictAndCompleted, break_down
 from tsbench.metrics.intervals import (
@@ -289,9 +289,8 @@ class Comparison:
 
 def shared_scenarios(a: pa.Table, b: pa.Table) -> tuple[pa.Table, pa.Table]:
     """The records of scenarios that both have."""
-    return a.filter(pc.is_in(a["scenario_id"], b["scenario_id"])), b.filter(
-        pc.is_in(b["scenario_id"], a["scenario_id"])
-    )
+    of_a, of_b = (table["scenario_id"].to_pylist() for table in (a, b))
+    return with_text(a, "scenario_id", *of_b), with_text(b, "scenario_id", *of_a)
 
 
 def compare(a: pa.Table, b: pa.Table, seed: str) -> Comparison:

@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
-import pyarrow.compute as pc
-
 import tsbench
 from tsbench.core.benchmark import TYPES
+from tsbench.core.parquet import without
 from tsbench.core.text import one_line
 from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import PlannerSummary
@@ -117,7 +116,7 @@ def failures_of(run: StoredRun) -> list[Failure]:
     """A run's failed episodes, by planner in the order of the run and by scenario."""
     place = {name: k for k, name in enumerate(run.asked)}
     episodes = run.episodes.select(_COLUMNS)
-    rows = episodes.filter(pc.invert(episodes["scd"])).to_pylist()
+    rows = without(episodes, "scd").to_pylist()
     artwork = run.data.artwork()
     return [_failure(row, run, artwork) for row in sorted(rows, key=lambda row: place[row["planner"]])]
 

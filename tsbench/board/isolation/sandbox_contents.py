@@ -19,7 +19,7 @@ from site import getsitepackages
 
 import tsbench
 from tsbench.core.errors import InputError
-from tsbench.core.machine import ONE_THREAD
+from tsbench.core.machine import ONE_THREAD, module_command
 from tsbench.core.paths import data_file, expanded, installed_data, roots
 from tsbench.core.provenance import closure_paths
 from tsbench.planners.planner_spec import PlannerSpec, parts_of
@@ -59,7 +59,7 @@ def arithmetic() -> dict[str, str]:
 def command_of(spec: str, python: str) -> list[str]:
     """What is to run in a sandbox. python: its name there. Raises InputError for a file that cannot be executed."""
     program = PlannerSpec(spec).executable()
-    return [str(program)] if program else [python, "-P", "-m", "tsbench.board.isolation.client", _absolute(spec)]
+    return [str(program)] if program else [*module_command("tsbench.board.isolation.client", python), _absolute(spec)]
 
 
 def _absolute(spec: str) -> str:

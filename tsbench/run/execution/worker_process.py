@@ -12,7 +12,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from tsbench.core.machine import ONE_THREAD, MemoryUse, cause_of_end, processor_s, resident_below_mb, resident_mb
+from tsbench.core.machine import (
+    ONE_THREAD,
+    MemoryUse,
+    cause_of_end,
+    module_command,
+    processor_s,
+    resident_below_mb,
+    resident_mb,
+)
 from tsbench.episode.outcome import Outcome, Phase
 from tsbench.run.execution.messages import (
     TO_RUN,
@@ -77,7 +85,7 @@ class WorkerProcess:
         reaper.append(str(int(most_mb * _DATA_BYTES_PER_MB)))
         self.process = subprocess.Popen(
             # -P: no working directory in front of sys.path, where a stray json.py would be imported for ours.
-            [*reaper, sys.executable, "-P", "-u", "-m", "tsbench.run.execution.worker_main", *map(str, fds)],
+            [*reaper, *module_command("tsbench.run.execution.worker_main"), *map(str, fds)],
             stdin=subprocess.DEVNULL,
             stdout=log_write,
             stderr=log_write,

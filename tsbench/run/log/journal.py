@@ -320,10 +320,10 @@ def tables_of(lines: Sequence[Mapping[str, Any]]) -> dict[str, pa.Table]:
         "violations.parquet": [event for line in lines for event in line["events"]],
         "timing.parquet": [line["timing"] for line in lines],
     }
-    return {name: _table(name, rows[name]) for name in TABLES}
+    return {name: table_of(name, rows[name]) for name in TABLES}
 
 
-def _table(name: str, rows: list[dict[str, Any]]) -> pa.Table:
+def table_of(name: str, rows: list[dict[str, Any]]) -> pa.Table:
     """Rows as Arrow. A missing key or a null where none may be is a defect, and is said so."""
     schema = TABLES[name]
     for field in schema:
