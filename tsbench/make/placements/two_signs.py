@@ -138,10 +138,10 @@ class LimitAheadPlacement(TwoSignsPlacement):
 
 
 class TemporaryLimitPlacement(LimitAheadPlacement):
-    """Two limits on one road, of which the temporary one rules where they differ, until the next junction.
+    """Two limits on one road: where they differ, the temporary one rules, until the next junction.
 
     It stands first, in the last sign's contrast half second: the grounds change places. In the first sign's contrast
-    half the values do, of which the lower is the first otherwise. The ego's way ends before the junction.
+    half the values do; otherwise the first one is the lower. The ego's way ends before the junction.
     Source: docs/contrast.md, "Two signs at once".
     """
 
