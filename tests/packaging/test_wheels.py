@@ -16,6 +16,8 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from tsbench.signs.catalog import load_catalog
+
 ROOT = Path(__file__).resolve().parents[2]
 MEGABYTE = 1_000_000
 pytestmark = pytest.mark.slow
@@ -71,9 +73,11 @@ def test_the_data_are_those_of_the_dev_and_test_splits(wheels: Path) -> None:
     assert set(inside) == {f"tsbench_data/{name}" for name in data}
     assert "results/plant2-ft/run.json" in results
     kinds = Counter("/".join(name.split("/")[1:-1]) for name in inside if "/results/" not in name)
+    single, double = len(load_catalog().types), len(load_catalog().combined)
     assert kinds == {
-        "": 1, "scenarios": 8, "scenarios/recipes": 37, "scenarios/scenes/dev": 29, "scenarios/scenes/test": 29,
-        "scenarios/scenes/two-signs": 8, "scenarios/scenes/two-signs-dev": 8,
+        "": 1, "scenarios": 8, "scenarios/recipes": single + double,
+        "scenarios/scenes/dev": single, "scenarios/scenes/test": single,
+        "scenarios/scenes/two-signs": double, "scenarios/scenes/two-signs-dev": double,
         "cities": 4, "sumo_nets": 3, "sumo_nets/netconvert": 4,
     }  # fmt: skip
     assert "tsbench_data/sumo_nets/ATTRIBUTION.md" in inside
