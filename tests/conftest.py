@@ -11,6 +11,7 @@ import pytest
 from hypothesis import settings
 from simworld import SceneMaker, block_plain, cross_plain, road_plain, simulation
 
+from tsbench.core.machine import collect_garbage_seldom
 from tsbench.make.maps.netconvert import build_net
 from tsbench.roads.network import RoadNetwork, read_network
 from tsbench.sim.sumo import Simulation
@@ -49,7 +50,7 @@ def pytest_collection_finish() -> None:
     """
     gc.collect()
     gc.freeze()
-    gc.set_threshold(20_000)
+    collect_garbage_seldom()
 
 
 @pytest.fixture(autouse=True)

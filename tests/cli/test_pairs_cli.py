@@ -189,7 +189,8 @@ def test_a_square_names_the_sign_that_was_broken(
     table, tmp_path: Path, type_id: str, said: tuple[str, ...], share: tuple[float, float]
 ) -> None:
     """idm breaks a sign in two rows of one square of two; a square with a row missing does not count."""
-    event = asdict(made.violation(3.0)) | dict(zip(("rule", "clause", "sign_code", "sign_id"), said, strict=False))
+    names = ("rule", "clause", "sign_code", "sign_id")[: len(said)]
+    event = asdict(made.violation(3.0)) | dict(zip(names, said, strict=True))
     kind = {"scenario_type": type_id, "group": "two_signs"}
     rows = []
     for m in range(3):

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
 from sys import intern
-from types import ModuleType
 from typing import Any, TypeVar
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from tsbench.core.errors import InputError
+from tsbench.core.errors import InputError, load
 from tsbench.core.files import replacing
 
 VERSION_KEY = "tsbench_schema"
@@ -31,6 +29,8 @@ _TYPES = {
 # Far more than any table of ours has.
 _MOST_ROWS, _MOST_BYTES, _VALUE_BYTES = 20_000_000, 1 << 32, 8
 _PART_ROWS = 2048
+# Imported where it is used: it writes docstrings of 280 functions, for longer than most of our modules take.
+_COMPUTE = "pyarrow.compute"
 
 
 Row = TypeVar("Row")
@@ -57,17 +57,12 @@ def with_text(table: pa.Table, column: str, *values: str) -> pa.Table:
     ends = np.cumsum([0, *map(len, told)], dtype=np.int32)
     # From buffers: `pa.array` and `pa.scalar` would import pandas, which takes longer than many an episode.
     wanted = pa.StringArray.from_buffers(len(told), pa.py_buffer(ends), pa.py_buffer(b"".join(told)))
-    return table.filter(_compute().is_in(table[column], wanted))
+    return table.filter(load(_COMPUTE).is_in(table[column], wanted))
 
 
 def without(table: pa.Table, column: str) -> pa.Table:
     """The rows of a table that have no mark in a column of truth values."""
-    return table.filter(_compute().invert(table[column]))
-
-
-def _compute() -> ModuleType:
-    # Imported where it is used: it writes docstrings of 280 functions, for longer than most of our modules take.
-    return importlib.import_module("pyarrow.compute")
+    return table.filter(load(_COMPUTE).invert(table[column]))
 
 
 def save_rows(rows: Iterable[Any], path: Path, schema: pa.Schema) -> None:
