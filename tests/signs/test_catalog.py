@@ -151,13 +151,22 @@ def test_a_plate_that_the_catalogue_does_not_expect_is_refused(catalog: Catalog)
         catalog.check_plates(["2.5"], {plate.id: plate.code}, "row")
 
 
-def test_a_ramp_has_the_speeds_of_its_road() -> None:
-    ramp, road = (
-        load_catalog().allowed_speeds(road_class=f"highway.{name}", code="5.31") for name in ("primary_link", "primary")
-    )
-    assert ramp == road == (40.0, 50.0)
-    assert load_catalog().allowed_speeds(road_class="highway.primary", code="5.21") == ()
-    assert load_catalog().allowed_speeds(road_class="", code="5.21") is None
+@pytest.mark.parametrize(
+    ("code", "name", "speeds"),
+    [
+        ("3.24", "primary", (30.0, 40.0, 50.0, 60.0)),
+        ("3.24", "primary_link", (30.0, 40.0, 50.0, 60.0)),
+        ("3.24", "trunk", (40.0, 50.0, 60.0, 70.0)),
+        ("3.24", "trunk_link", (40.0, 50.0, 60.0)),
+        ("5.31", "primary", ()),
+        ("5.21", "unclassified", ()),
+        ("5.21", "", None),
+    ],
+)
+def test_a_ramp_has_the_speeds_of_its_road_unless_it_has_its_own(
+    code: str, name: str, speeds: tuple[float, ...] | None
+) -> None:
+    assert load_catalog().allowed_speeds(road_class=name and f"highway.{name}", code=code) == speeds
 
 
 def test_types_with_several_signs_stay_what_they_are_in_the_mirror() -> None:

@@ -97,9 +97,10 @@ class Catalog:
 
     def allowed_speeds(self, *, road_class: str, code: str) -> tuple[float, ...] | None:
         """Values that a plate may set on a road of SUMO's class ("highway.primary_link"); None: any."""
-        road = road_class.removeprefix("highway.").removesuffix("_link")
-        known = any(road in sign.speeds for sign in self.signs.values())
-        return self.sign(code).speeds.get(road, ()) if known else None
+        ramp = road_class.removeprefix("highway.")
+        road = ramp.removesuffix("_link")
+        known, speeds = any(road in sign.speeds for sign in self.signs.values()), self.sign(code).speeds
+        return speeds.get(ramp, speeds.get(road, ())) if known else None
 
     def check_plates(self, codes: Iterable[str], plates: Mapping[str, str], where: str) -> None:
         """InputError where a scene of some signs has a plate of another code than the catalogue says (`allowed_codes`).

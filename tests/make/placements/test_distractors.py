@@ -30,7 +30,8 @@ ONE_WAY = (corridor(speed=FAST, length=240.0), road_plain(240.0, speed=FAST))
 LONG = (corridor(speed=FAST), road_plain(speed=FAST))
 MAPS = {
     **dict.fromkeys((*AT_LINE, "blocked_road"), CROSS),
-    **dict.fromkeys(("speed_limit", "zone_speed_limit", "min_speed", "crosswalk", "bus_lane", "bike_lane"), two_way()),
+    **dict.fromkeys(("speed_limit", "min_speed", "crosswalk", "bus_lane", "bike_lane"), two_way()),
+    "zone_speed_limit": two_way("tertiary"),
     "residential_zone": two_way("residential", 40.0 / 3.6),
     **dict.fromkeys(("detour_left", "detour_right"), LONG),
 }

@@ -43,7 +43,7 @@ MAPS: dict[str, tuple[PoolRow, PlainNet]] = {
     "no_turn_left": ways(*TYPES["no_turn_left"]),
     "limit_and_yield": (crossroads(), cross_plain()),
     "limit_and_detour": (corridor(speed=LIMIT), road_plain()),
-    "limit_in_zone": two_way(length=300.0),
+    "limit_in_zone": two_way("tertiary", length=300.0),
     "stop_and_no_turn": ways(*TYPES["no_turn_left"]),
     "limit_and_direction": ways(*TYPES["direction_left"]),
     "limit_and_stop": (crossroads(), cross_plain()),

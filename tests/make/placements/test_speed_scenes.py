@@ -30,7 +30,7 @@ ZONES = ("speed_limit", "zone_speed_limit", "residential_zone")
 LENGTH_M = 240.0
 MAPS = {
     "speed_limit": two_way(),
-    "zone_speed_limit": two_way(),
+    "zone_speed_limit": two_way("tertiary"),
     "residential_zone": two_way("residential", 11.11),
     "min_speed": two_way(speed=LIMIT),
 }
@@ -52,12 +52,13 @@ def test_a_zone_spans_edges_from_its_plate(networks: Networks, type_id: str) -> 
     network, recipe = networks[type_id], recipe_of(type_id)
     a, kind = place(networks, type_id), load_catalog().type(type_id)
     plate, end = a.signs[:2]
-    assert (plate.code, end.code, plate.value) == (kind.codes[0], kind.end_codes[0], end.value)
+    assert plate.code == kind.codes[0]
     zone = [f"road.{k + 1}" for k in range(int(recipe.number("zone_edges")))]
     last = f"road.{len(zone) + 1}"
     assert plate.params.zone_edges == (*zone, last)
     assert (plate.edge, plate.position_m, a.extra) == ("road.1", 0.0, ())
     if type_id == "speed_limit":
+        assert (end.code, end.value) == (kind.end_codes[0], plate.value)
         assert (end.edge, end.position_m, end.ends) == (last, 0.0, plate.id)
         zone.append(last)
     assert a.route_hint == ("road.0", *zone)
@@ -73,17 +74,17 @@ def test_a_zone_spans_edges_from_its_plate(networks: Networks, type_id: str) -> 
 
 
 @pytest.mark.parametrize("type_id", ZONES[1:])
-def test_at_each_border_the_begin_faces_who_enters_and_the_end_who_leaves(networks: Networks, type_id: str) -> None:
-    (signed, contrast), kind = halves_of(task_of(networks, type_id)), load_catalog().type(type_id)
+def test_two_zones_share_a_border_and_the_ego_starts_no_faster_than_the_other_allows(
+    networks: Networks, type_id: str
+) -> None:
+    signed, contrast = halves_of(task_of(networks, type_id))
     low, high = ((half.signs[0].code, half.signs[0].posted) for half in (signed, contrast))
-    ends = {kind.codes[0]: kind.end_codes[0], "5.31": "5.32"}
+    assert low[1] < high[1]
     for half, ours, theirs in ((signed, low, high), (contrast, high, low)):
-        hung = [(s.code, s.posted) for s in half.signs]
-        assert hung == [ours, (ends[ours[0]], ours[1]), (ends[theirs[0]], theirs[1]), theirs]
-        begin, end, other_end, other_begin = half.signs
-        assert (begin.edge, end.edge, other_end.edge, other_begin.edge) == ("road.1", "back", "road.0", "back")
-        assert abs(begin.x - end.x) < 1.0 > abs(other_end.x - other_begin.x)
-        assert other_end.position_m < half.start.s - EGO_LENGTH_M / 2
+        assert [(s.code, s.posted, s.edge) for s in half.signs] == [(*ours, "road.1"), (*theirs, "back")]
+        begin, other = half.signs
+        assert abs(begin.x - other.x) < 1.0
+        assert low[1] < half.start.speed * 3.6 <= high[1] + 1e-9
 
 
 @pytest.mark.parametrize("initial", INITIAL_SPEEDS_MPS)
@@ -124,9 +125,9 @@ def test_the_contrast_half_posts_another_value_and_asks_not_to_be_slow(networks:
 @pytest.mark.parametrize(
     ("type_id", "road_class", "road_kmh", "pairs"),
     [
-        ("speed_limit", "secondary", 60, {30: {50, 60, 70}, 40: {70}}),
+        ("speed_limit", "secondary", 60, {30: {50, 60}}),
         ("speed_limit", "tertiary", 60, {20: {40, 50, 60}, 30: {50, 60}}),
-        ("zone_speed_limit", "secondary", 60, {30: {50}}),
+        ("zone_speed_limit", "secondary", 60, {}),
         ("zone_speed_limit", "tertiary", 60, {20: {40, 50}, 30: {50}}),
         ("zone_speed_limit", "residential", 40, {20: {40}}),
         ("residential_zone", "residential", 40, {20: {40}}),

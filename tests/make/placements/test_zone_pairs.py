@@ -31,7 +31,8 @@ LIMITS = ("speed_limit", "zone_speed_limit")
 DETOURS = ("detour_right", "detour_left")
 PRIORITY = ("yield", "secondary_road", "stop", "main_road")
 MAPS = {
-    **dict.fromkeys((*LIMITS, "min_speed", "bus_lane", "bike_lane"), two_way()),
+    **dict.fromkeys(("speed_limit", "min_speed", "bus_lane", "bike_lane"), two_way()),
+    "zone_speed_limit": two_way("tertiary"),
     "residential_zone": two_way("residential", 11.11),
     **dict.fromkeys(DETOURS, ROAD),
     "blocked_road": (crossroads(), cross_plain()),

@@ -113,7 +113,7 @@ class SpeedZonePlacement(ScenePlacement):
         lanes = passenger_lanes(network, first)
         lane = lanes[variant.layout % len(lanes)]
         excess = max(recipe.number("least_excess_mps"), variant.initial_speed)
-        v0 = min(v + excess, v + recipe.number("most_excess_kmh") * KMH, row.speed_mps)
+        v0 = min(v + excess, v + recipe.number("most_excess_kmh") * KMH, self.before(task, limit))
         need = braking_room(recipe, v0, v)
         room = lane.line.length - need - EGO_LENGTH_M - recipe.number("start_behind_m")
         require(room >= 0.0, f"no room to brake from {v0:.1f} m/s before the plate")
@@ -152,6 +152,10 @@ class SpeedZonePlacement(ScenePlacement):
         require(bool(limits), f"no pair of limits for a {row.road_class} road of {road:.0f} km/h")
         return limits
 
+    def before(self, task: SceneTask, limit: float) -> float:  # noqa: ARG002
+        """How fast the ego may come to a plate of this limit, m/s."""
+        return task.row.speed_mps
+
     def _signs(self, task: SceneTask, zone: Sequence[str], last: str, limit: float) -> tuple[SignInstance, ...]:
         """The plate and its end; what faces the other direction comes with the other half's plates."""
         return (
@@ -187,28 +191,27 @@ class SpeedZonePlacement(ScenePlacement):
 
 
 class ZonePlacement(SpeedZonePlacement):
-    """`zone_speed_limit`, `residential_zone`: another zone ends behind the ego's start, its own begins ahead.
+    """`zone_speed_limit`, `residential_zone`: the ego's zone begins where another one ends, in which it starts.
 
-    Both go on beyond the map. At each border hang two plates, the begin for the traffic that enters and the end for the
-    traffic that leaves. In the contrast half the two zones are exchanged.
+    Both go on beyond the map. At their border hang the begins of both, each facing the traffic that enters its zone. In
+    the contrast half the two zones are exchanged.
     """
 
     behind_zone = ("end_before_edge_m",)
     ends_in_zone = True
 
     def _signs(self, task: SceneTask, zone: Sequence[str], last: str, limit: float) -> tuple[SignInstance, ...]:
-        """The target, and beside it its end; then the end of the other zone, and beside it its begin."""
-        first, network = task.row.fields["edge"] + ".0", task.network
+        """The target, and beside it the begin of the other zone."""
+        network, back = task.network, self.across(task, zone[0], 0.0)
         theirs = self.other(task, limit)
-        begin, end = self.other_codes
-        border = task.recipe.number("other_border_m")
-        back, away = self.across(task, zone[0], 0.0), self.across(task, first, border)
         return (
             plate_beside(network, self.code, zone[0], 0.0, ZoneParams((*zone, last)), value=limit),
-            plate_beside(network, self.end_code, *back, number=1, role=DISTRACTOR, value=limit),
-            plate_beside(network, end, first, border, number=2, role=DISTRACTOR, value=theirs),
-            plate_beside(network, begin, *away, number=3, role=DISTRACTOR, value=theirs),
+            plate_beside(network, self.other_codes[0], *back, number=1, role=DISTRACTOR, value=theirs),
         )
+
+    def before(self, task: SceneTask, limit: float) -> float:
+        """No faster than the other zone allows."""
+        return min(super().before(task, limit), self.other(task, limit) * KMH)
 
     @staticmethod
     def across(task: SceneTask, edge: str, s: float) -> tuple[str, float]:

@@ -117,6 +117,13 @@ def _enterable(here: PlateHere) -> str:
     for edge in roads.ways_on(approach):
         if not (here.closing(edge) or any(here.lets(a, edge) for a in roads.ways_to(edge))):
             return f"with the other plates nobody may enter {edge}"
+    ways, turn = roads.ways_on(approach), roads.graph.turn
+    ahead = [e for e in ways if turn(approach, e) == STRAIGHT]
+    if len(ways) == 2 and ahead and not any(here.lets(approach, e) for e in ahead):
+        back = roads.other_direction([approach])
+        facing = [(a, e) for e in back for a in roads.ways_to(e) if turn(a, e) == STRAIGHT]
+        if facing and not any(here.lets(a, e) for a, e in facing):
+            return "with the other plates nobody may go straight on over the side road"
     return ""
 
 
@@ -289,10 +296,14 @@ def _both_ways(here: PlateHere) -> str:
         return ""
     signs = here.scene.catalog.signs
     wanted = here.sign.ends or next((word for word in here.sign.rule.ended_by if word in signs), plate.code)
+    # Where a zone ends another may begin: its plate is enough.
+    rule = here.sign.rule
+    zones = {code for code, s in signs.items() if "both_ways" in s.places and s.rule.name == rule.name and not s.is_end}
     most = here.scene.catalog.distances.beside_m
     cos, sin = math.cos(plate.heading), math.sin(plate.heading)
     for other in here.scene.plates:
-        if (other.code, other.value) == (wanted, plate.value):
+        another = not here.sign.is_end and other.code in zones and other.value != plate.value
+        if another or (other.code, other.value) == (wanted, plate.value):
             dx, dy = other.x - plate.x, other.y - plate.y
             across = (dy * cos - dx * sin) * (-1.0 if roads.network.left_hand else 1.0)
             against = math.cos(other.heading - plate.heading) < _AGAINST
