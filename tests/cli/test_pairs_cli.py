@@ -180,6 +180,8 @@ def test_a_run_from_before_pairs_reads_as_signed_rows(tmp_path: Path) -> None:
         ("limit_in_zone", ("speed", "speeding", "5.31"), (25.0, 0.0)),
         ("limit_in_zone", ("needless", "needless_slow", "3.24"), (0.0, 25.0)),
         ("stop_and_no_turn", ("needless", "needless_stop", "2.4"), (25.0, 0.0)),
+        ("yield_and_direction", ("give_way", "encroached", "2.4"), (25.0, 0.0)),
+        ("yield_and_direction", ("needless", "needless_yield", "2.1"), (25.0, 0.0)),
         ("limit_and_bus_lane", ("needless", "needless_detour", "3.24"), (0.0, 25.0)),
         ("temporary_limit", ("speed", "speeding", "3.24", "sign_1"), (25.0, 0.0)),
         ("temporary_limit", ("needless", "needless_slow", "3.24", "sign_0"), (0.0, 25.0)),

@@ -20,6 +20,7 @@ from tsbench.geometry.elementary import wrap
 from tsbench.geometry.polyline import Polyline
 from tsbench.make.maps.plain import PlainEdge, PlainNet, PlainNode, split_edge
 from tsbench.make.placements.by_name import placement_of
+from tsbench.make.placements.junction_priority import gives_way, link
 from tsbench.make.placements.placement import Arrangement, SceneTask, UnluckyDrawError
 from tsbench.make.scenes import map_scenarios as site_module
 from tsbench.make.scenes.map_scenarios import MapScenarios
@@ -50,6 +51,7 @@ MAPS: dict[str, tuple[PoolRow, PlainNet]] = {
     "limit_and_crosswalk": two_way(length=240.0),
     "limit_and_bus_lane": two_way(speed=LIMIT, length=250.0),
     "temporary_limit": two_way(length=300.0),
+    "yield_and_direction": ways("r_l", "X", longer_m=60.0),
 }
 
 
@@ -189,8 +191,8 @@ def lone_yield(tmp_path: Path) -> LoneYield:
     return built
 
 
-# Without the approaches that stop_and_no_turn leaves empty the roads made by hand carry no traffic.
-@pytest.mark.parametrize("type_id", sorted(set(MAPS) - {"stop_and_no_turn"}))
+# Without the approaches that they leave empty the roads made by hand carry no traffic.
+@pytest.mark.parametrize("type_id", sorted(set(MAPS) - {"stop_and_no_turn", "yield_and_direction"}))
 def test_a_site_is_sound_dense_as_asked_and_the_same_again(type_id: str, tmp_path: Path) -> None:
     one = build(type_id, tmp_path / "one", (0, 1))
     assert one.reason == ""
@@ -220,15 +222,17 @@ def test_a_site_is_sound_dense_as_asked_and_the_same_again(type_id: str, tmp_pat
     assert two == one  # the rows hold the hashes of the files
 
 
+WAITING = {"needless_stop", "needless_yield"}
 SQUARES = {
     # Codes of the first sign in its own and its contrast half, those of the last, clauses that go with each.
-    "limit_and_yield": (("3.24", "3.24"), ("2.4", "2.1"), {"needless_slow"}, {"needless_stop", "needless_yield"}),
+    "limit_and_yield": (("3.24", "3.24"), ("2.4", "2.1"), {"needless_slow"}, WAITING),
     "limit_in_zone": (("5.31", "5.31"), ("3.24", "3.24"), {"needless_slow"}, {"needless_slow"}),
-    "stop_and_no_turn": (("2.5", "2.4"), ("3.18.2", "4.1.6"), {"needless_stop", "needless_yield"}, {"needless_detour"}),
+    "stop_and_no_turn": (("2.5", "2.4"), ("3.18.2", "4.1.6"), WAITING, {"needless_detour"}),
     "limit_and_direction": (("3.24", "3.24"), ("4.1.3", "3.18.2"), {"needless_slow"}, {"needless_detour"}),
-    "limit_and_stop": (("3.24", "3.24"), ("2.5", "2.1"), {"needless_slow"}, {"needless_stop", "needless_yield"}),
-    "limit_and_crosswalk": (("3.24", "3.24"), ("5.19", "3.24"), {"needless_slow"}, {"needless_stop", "needless_yield"}),
+    "limit_and_stop": (("3.24", "3.24"), ("2.5", "2.1"), {"needless_slow"}, WAITING),
+    "limit_and_crosswalk": (("3.24", "3.24"), ("5.19", "3.24"), {"needless_slow"}, WAITING),
     "limit_and_bus_lane": (("3.24", "3.24"), ("5.14.1", "5.14.1"), {"needless_slow"}, {"needless_detour"}),
+    "yield_and_direction": (("2.4", "2.1"), ("4.1.3", "3.18.2"), WAITING, {"needless_detour"}),
 }
 
 
@@ -293,6 +297,23 @@ def test_a_stop_is_made_for_where_no_vehicle_comes(networks: Networks) -> None:
     assert states == {"m"}
     others = {p.edge: p.code for p in a.signs if p not in (stop, ban)}
     assert others == {"qb": "2.4", "pb": "2.1", "tb": "2.1"}
+
+
+@pytest.mark.parametrize("shape", ["T", "X"])
+def test_a_convoy_meets_the_ego_on_either_way(shape: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    type_id = "yield_and_direction"
+    monkeypatch.setitem(MAPS, type_id, ways("r_l", shape, longer_m=60.0))
+    site = build(type_id, tmp_path, (0,))
+    for row, waits in zip(site.rows, (True, False, True, False), strict=True):
+        scene, roads = loader_of(tmp_path).load(row)
+        assert scene.convoy is not None
+        lead = link(roads.network, "qb_0", "bp")
+        for exit_ in ("bp", "bq"):
+            own = link(roads.network, scene.start.lane, exit_)
+            assert (gives_way(own, lead), gives_way(lead, own)) == (waits, not waits)
+        plates = {p.edge: p.code for p in scene.signs if p.code in ("2.1", "2.4")}
+        mine, across = ("2.4", "2.1") if waits else ("2.1", "2.4")
+        assert plates == {"ab": mine, "pb": across, "qb": across} | ({"tb": mine} if shape == "X" else {})
 
 
 def test_an_unfit_map_is_a_reason_not_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -14,7 +14,12 @@ from tsbench.make.placements.placement import ScenePlacement
 from tsbench.make.placements.reserved_lane_scenes import ContraflowPlacement, ReservedLanePlacement
 from tsbench.make.placements.roundabout import RoundaboutPlacement
 from tsbench.make.placements.speed_zone import MinSpeedPlacement, SpeedZonePlacement, ZonePlacement
-from tsbench.make.placements.two_signs import LimitAheadPlacement, StopAheadPlacement, TemporaryLimitPlacement
+from tsbench.make.placements.two_signs import (
+    LimitAheadPlacement,
+    StopAheadPlacement,
+    TemporaryLimitPlacement,
+    YieldAheadPlacement,
+)
 from tsbench.make.scenes.recipe import Recipe
 
 PLACEMENTS: Mapping[str, Callable[[Recipe], ScenePlacement]] = MappingProxyType(
@@ -41,7 +46,8 @@ def placement_of(recipe: Recipe) -> ScenePlacement:
     if recipe.last is not None:
         assert recipe.first is not None
         if recipe.first.placement == "give_way":
-            return StopAheadPlacement(recipe)
+            stops = recipe.catalog.sign(recipe.first.type.codes[0]).rule.name == "stop"
+            return (StopAheadPlacement if stops else YieldAheadPlacement)(recipe)
         if recipe.first.type == recipe.last.type:
             return TemporaryLimitPlacement(recipe)
         return LimitAheadPlacement(recipe, placement_of(recipe.last))

@@ -24,7 +24,9 @@ from tsbench.make.placements.junction_priority import (
     convoy_speed,
     ego_speeds,
     exchanged_arms,
+    gives_way,
     line_lead,
+    link,
     through_arms,
     with_priorities,
 )
@@ -43,7 +45,7 @@ from tsbench.make.scenes.recipe import Recipe
 from tsbench.make.scenes.traffic import waiting_elements
 from tsbench.make.seeds import rng_of
 from tsbench.roads.lane_graph import Destination, Turn
-from tsbench.roads.network import Connection, RoadNetwork
+from tsbench.roads.network import RoadNetwork
 from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, TARGET, SignInstance
 from tsbench.signs.contrast import ContrastClause, PassageParams
@@ -132,10 +134,9 @@ class GiveWayPlacement(ScenePlacement):
         arms, recipe = self._contrast_arms(task.row, task.recipe), task.recipe
         exit_edge, cars = signed.destination.edge, signed.convoy
         if cars is not None:
-            own = _link(task.network, signed.start.lane, exit_edge)
-            other = _link(task.network, cars.lane, cars.edges[1])
-            gives_way = set(own.via) & other.yields_to and not set(other.via) & own.yields_to
-            require(bool(gives_way), "with other plates the convoy does not give way to the ego")
+            own = link(task.network, signed.start.lane, exit_edge)
+            other = link(task.network, cars.lane, cars.edges[1])
+            require(gives_way(other, own), "with other plates the convoy does not give way to the ego")
         main, minor = (str(recipe.choices[key][0]) for key in ("main_plates", "minor_plates"))
         if cars is None:
             swapped = {self._code: _empty_plate(recipe), _empty_plate(recipe): self._code}
@@ -182,14 +183,6 @@ def _nobody_comes(row: PoolRow, recipe: Recipe) -> bool:
 def _empty_plate(recipe: Recipe) -> str:
     """The plate that the ego's and the opposite approach exchange without other traffic."""
     return str(recipe.choices["empty_plates"][0])
-
-
-def _link(network: RoadNetwork, lane: str, edge: str) -> Connection:
-    """The connection from a lane to an edge. Raises UnfitMapError where other plates lead the lane elsewhere."""
-    links = network.outgoing[network.lane_index[lane]]
-    found = [c for c in links if network.lanes[c.to_lane].edge == edge]
-    require(bool(found), f"lane {lane} does not lead to {edge}")
-    return found[0]
 
 
 def _others(network: RoadNetwork, arms: Arms, chosen: Conflict) -> frozenset[Turn]:

@@ -241,6 +241,19 @@ def _links(network: RoadNetwork, graph: LaneGraph, edge: str) -> list[Connection
     ]
 
 
+def link(network: RoadNetwork, lane: str, edge: str) -> Connection:
+    """The connection from a lane to an edge. Raises UnfitMapError where other plates lead the lane elsewhere."""
+    links = network.outgoing[network.lane_index[lane]]
+    found = [c for c in links if network.lanes[c.to_lane].edge == edge]
+    require(bool(found), f"lane {lane} does not lead to {edge}")
+    return found[0]
+
+
+def gives_way(connection: Connection, other: Connection) -> bool:
+    """Does it wait for another one that does not wait for it?"""
+    return not connection.yields_to.isdisjoint(other.via) and other.yields_to.isdisjoint(connection.via)
+
+
 def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
     """One to two cars that enter at the start of their arm, at their cruise speed, when the ego is near enough.
 

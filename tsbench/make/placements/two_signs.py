@@ -12,7 +12,27 @@ from tsbench.geometry.elementary import LEFT, RIGHT, turn_class
 from tsbench.make.maps.pieces import heading_towards
 from tsbench.make.maps.plain import PlainNet
 from tsbench.make.placements.dual_path import ManoeuvrePlacement
-from tsbench.make.placements.placement import Arrangement, ScenePlacement, SceneTask, plate_beside, require
+from tsbench.make.placements.junction_priority import (
+    SHARES,
+    Arms,
+    Conflict,
+    conflicts,
+    convoy,
+    convoy_speed,
+    ego_speeds,
+    gives_way,
+    line_lead,
+    link,
+)
+from tsbench.make.placements.placement import (
+    Arrangement,
+    ConvoySetup,
+    ScenePlacement,
+    SceneTask,
+    plate_beside,
+    require,
+    start_speed,
+)
 from tsbench.make.placements.speed_zone import KMH, SpeedZonePlacement, ZonePlacement, fastest_before
 from tsbench.make.scenes.plate_roads import plate_roads
 from tsbench.make.scenes.recipe import Recipe
@@ -21,6 +41,7 @@ from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, TARGET, SignInstance, overruled
 from tsbench.signs.contrast import ContrastClause, PassageParams, SlowZoneParams
 from tsbench.signs.rule_kinds import GiveWayParams, ZoneParams
+from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
@@ -31,8 +52,11 @@ _SECOND = 1
 class TwoSignsPlacement(ScenePlacement):
     """A plate before the last sign, which stays in the last sign's contrast half and changes in its own.
 
-    recipe: of the type. last: the placement of its last part.
+    recipe: of the type. last: the placement of its last part. decides: the part (0, 1) whose plates other traffic goes
+    by, and for whose contrast half there is a network of its own.
     """
+
+    decides = 1
 
     def __init__(self, recipe: Recipe, last: ScenePlacement) -> None:
         super().__init__(recipe)
@@ -210,23 +234,20 @@ class StopAheadPlacement(TwoSignsPlacement):
     maps of `stop` where nobody comes.
     """
 
+    # Of the recipe's choices: plates of the crossing road and of the opposite approach, and the ego's contrast plate.
+    plates = ("main_plates", "empty_plates", "empty_plates")
+    opposite = 1
+
     def __init__(self, recipe: Recipe) -> None:
         assert recipe.last is not None
         assert recipe.first is not None
         super().__init__(recipe, _NobodyComes(recipe.last))
         self.code, choices = recipe.first.type.codes[0], recipe.first.choices
-        self._main, self._other = (str(choices[key][0]) for key in ("main_plates", "empty_plates"))
+        self._main, self._other, self._instead = (str(choices[key][0]) for key in self.plates)
 
     def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The crossing road goes first."""
-        found = super().prepare(row, plain, recipe)
-        ego = next(e for e in found.edges if e.id == row.fields["signed_edge"])
-        heading = heading_towards(np.array(ego.shape))
-        into = [e for e in found.edges if e.target == ego.target]
-        turned = {e.id: turn_class(heading_towards(np.array(e.shape)) - heading + 180.0) for e in into}
-        first = int(recipe.number("main_priority"))
-        priority = {e: first if turned[e] in (LEFT, RIGHT) and e != ego.id else _SECOND for e in turned}
-        return replace(found, edges=tuple(replace(e, priority=priority.get(e.id, e.priority)) for e in found.edges))
+        return _with_first_road(super().prepare(row, plain, recipe), row, recipe, crossing=True)
 
     def prepare_contrast(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
         """The same: the plates of the other way mean nothing else to other traffic."""
@@ -235,7 +256,7 @@ class StopAheadPlacement(TwoSignsPlacement):
     def first_contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:  # noqa: ARG002
         """The ego's and the opposite plate exchanged."""
         plate = signed.signs[_count_of_last(signed)]
-        swapped = {plate.code: self._other, self._other: plate.code}
+        swapped = {plate.code: self._instead, self._instead: plate.code}
         way = signed.compliant_hint or signed.route_hint
         passage = PassageParams(plate.edge, way[1], plate.params_as(GiveWayParams).main_in)
         clauses = (ContrastClause(name, passage, plate.id) for name in ("needless_stop", "needless_yield"))
@@ -246,6 +267,7 @@ class StopAheadPlacement(TwoSignsPlacement):
         """The stop plate on the ego's approach, before the last sign's, and those of the other approaches."""
         approach, junction = task.row.fields["signed_edge"], task.row.fields["junction"]
         across, opposite = _other_approaches(task, approach)
+        require(len(opposite) >= self.opposite, "no approach comes from straight ahead")
         hung = [(approach, self.code, self._first.number("first_before_line_m"))]
         before = self._first.number("plate_before_line_m")
         hung += [(edge, self._other, before) for edge in opposite] + [(edge, self._main, before) for edge in across]
@@ -257,6 +279,94 @@ class StopAheadPlacement(TwoSignsPlacement):
         params = GiveWayParams(approach, junction, tuple(sorted(across)))
         stop = replace(plates[0], params=params, role=TARGET)
         return replace(a, signs=(*a.signs, stop, *plates[1:]), targets=(stop.id, *a.targets))
+
+
+class YieldAheadPlacement(StopAheadPlacement):
+    """A plate that asks to give way there, and a convoy on the crossing road that meets the ego on either way.
+
+    In the contrast half all approaches exchange their plates, and the convoy gives way. No other vehicle comes.
+    """
+
+    decides = 0
+    plates = ("main_plates", "minor_plates", "main_plates")
+    opposite = 0
+
+    def prepare(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
+        """The crossing road goes first."""
+        return _by_priority(super().prepare(row, plain, recipe), row)
+
+    def prepare_contrast(self, row: PoolRow, plain: PlainNet, recipe: Recipe) -> PlainNet:
+        """The ego's road goes first."""
+        found = self._last.prepare(row, plain, self._recipe_of_last)
+        return _by_priority(_with_first_road(found, row, recipe, crossing=False), row)
+
+    def first_contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
+        """The convoy gives way to an ego that goes as the last sign says."""
+        found, cars, count = super().first_contrast(task, signed), signed.convoy, _count_of_last(signed)
+        assert cars is not None
+        way, theirs = signed.compliant_hint or signed.route_hint, link(task.network, cars.lane, cars.edges[1])
+        own = link(task.network, signed.start.lane, way[1])
+        require(gives_way(theirs, own), "with other plates the convoy does not give way to the ego")
+        yields, *others = found.signs[count:]
+        main_in = tuple(_other_approaches(task, yields.edge)[1])
+        yields = replace(yields, params=replace(yields.params_as(GiveWayParams), main_in=main_in))
+        passage = PassageParams(yields.edge, way[1], main_in)
+        clauses = (replace(c, params=passage) if c.sign == yields.id else c for c in found.contrast)
+        return replace(found, signs=(*found.signs[:count], yields, *others), contrast=tuple(clauses))
+
+    def _with_first(self, task: SceneTask, a: Arrangement) -> Arrangement:
+        """With the convoy, which the last sign's halves share."""
+        found = super()._with_first(task, a)
+        return found if found.convoy else replace(found, convoy=self._convoy(replace(task, recipe=self._first), a))
+
+    def _convoy(self, task: SceneTask, a: Arrangement) -> ConvoySetup:
+        """Timed for the navigation's way, where it meets the ego about as late on the other one."""
+        network, recipe = task.network, self._first
+        across, _ = _other_approaches(task, a.route_hint[0])
+        arms = Arms(a.route_hint[0], tuple(across), (), frozenset(), bends=False)
+        slowest, farthest = recipe.number("slowest_turn_mps"), recipe.number("convoy_most_to_zone_m")
+        found = conflicts(network, task.graph, arms, slowest_turn=slowest, most_to_zone=farthest)
+        there = {(network.lanes[c.ego.to_lane].edge, c.priority): c for c in found}
+        exits = [way[1] for way in (a.route_hint, a.compliant_hint)]
+        pairs = [(c, there.get((exits[1], c.priority))) for (exit_, _), c in there.items() if exit_ == exits[0]]
+        latest, most = recipe.number("convoy_most_after_s"), recipe.number("both_ways_s")
+        options = [
+            one
+            for one, other in pairs
+            if other is not None
+            and abs(_arrives_later(task, other) - _arrives_later(task, one)) <= most
+            and all(line_lead(task, c, convoy_speed(task, c, recipe.number(SHARES[0]))) <= latest for c in (one, other))
+        ]
+        require(bool(options), "no path that has priority meets the ego's about as late on either way")
+        return convoy(task, options[task.variant.layout % len(options)])
+
+
+def _arrives_later(task: SceneTask, c: Conflict) -> float:
+    """How much sooner the ego is in a conflict's zone than a slow convoy that is at its line at 0 s is; s."""
+    turn, cruise = ego_speeds(task, c.ego)
+    to_line = task.recipe.number("ego_before_line_m")
+    speed = start_speed(task, task.network.lanes[c.ego.from_lane])
+    eta = predicted_arrival(to_line, to_line + c.zone.a_in, speed, cruise, turn)
+    return c.zone.b_in / convoy_speed(task, c, task.recipe.number(SHARES[0])) - eta
+
+
+def _with_first_road(plain: PlainNet, row: PoolRow, recipe: Recipe, *, crossing: bool) -> PlainNet:
+    """The net where of the signed junction's roads the crossing one goes first, or the ego's."""
+    ego = next(e for e in plain.edges if e.id == row.fields["signed_edge"])
+    heading = heading_towards(np.array(ego.shape))
+    into = [e for e in plain.edges if e.target == ego.target]
+    turned = {e.id: turn_class(heading_towards(np.array(e.shape)) - heading + 180.0) for e in into}
+    first = int(recipe.number("main_priority"))
+    crosses = {e: turned[e] in (LEFT, RIGHT) and e != ego.id for e in turned}
+    priority = {e: first if crosses[e] == crossing else _SECOND for e in turned}
+    return replace(plain, edges=tuple(replace(e, priority=priority.get(e.id, e.priority)) for e in plain.edges))
+
+
+def _by_priority(plain: PlainNet, row: PoolRow) -> PlainNet:
+    """The net where at the signed junction only the priorities of the edges into it count."""
+    node = row.fields["junction"]
+    nodes = (replace(n, type="priority", right_of_way="edgePriority") if n.id == node else n for n in plain.nodes)
+    return replace(plain, nodes=tuple(nodes))
 
 
 class _NobodyComes(ManoeuvrePlacement):
@@ -280,7 +390,7 @@ def _other_approaches(task: SceneTask, approach: str) -> tuple[list[str], list[s
     across = sorted(e for _, into in roads.across(approach).values() for e in into)
     node = task.network.edges[approach].target
     opposite = [e for e in task.network.edges if task.network.edges[e].target == node and e not in (approach, *across)]
-    require(len(opposite) == 1 and bool(across), "no road crosses, or no single approach comes from straight ahead")
+    require(len(opposite) <= 1 and bool(across), "no road crosses, or no single approach comes from straight ahead")
     return across, opposite
 
 

@@ -38,8 +38,11 @@ from tsbench.sim.world import DT_S
 NET_NAMES = {SIGNED: "net.net.xml.gz", CONTRAST: "contrast.net.xml.gz"}
 # Of each row of a pair the end of its id, the half whose network it is on, and its half. Files have the end's letters.
 _PAIR = (("", SIGNED, SIGNED), ("-c", CONTRAST, CONTRAST))
-# A square is two pairs (`square_of`).
-_SQUARE = (("", SIGNED, SIGNED), ("-c", SIGNED, CONTRAST), ("b", CONTRAST, SIGNED), ("b-c", CONTRAST, CONTRAST))
+# A square is two pairs (`square_of`). By the part whose plates decide the network: the first, the last.
+_SQUARE = (
+    (("", SIGNED, SIGNED), ("-c", CONTRAST, CONTRAST), ("b", SIGNED, SIGNED), ("b-c", CONTRAST, CONTRAST)),
+    (("", SIGNED, SIGNED), ("-c", SIGNED, CONTRAST), ("b", CONTRAST, SIGNED), ("b-c", CONTRAST, CONTRAST)),
+)
 
 # How often a variant is drawn until an expert solves it, it tempts and the violating baseline breaks its rule; and the
 # share of a map's variants that may not tempt.
@@ -95,7 +98,7 @@ class _Placed(NamedTuple):
     """The plates of a draw's rows, before there is traffic. files: writes a scene; placed: plates of all scenes."""
 
     pair: str
-    corners: tuple[tuple[str, str, str], ...]
+    corners: Sequence[tuple[str, str, str]]
     there: SceneTask
     found: tuple[Arrangement, ...]
     files: Callable[[str, str, Arrangement], SceneFileWriter]
@@ -215,7 +218,9 @@ class SiteBuilder:
         draw = f"{pair}~{attempt}"
         drivers = draw_drivers(rng_of("drivers", kind.id, row.map_id, max(variant.drivers, 0)))
 
-        corners = (_SQUARE if recipe.last else _PAIR) if recipe.paired else _PAIR[:1]
+        corners: Sequence[tuple[str, str, str]] = _PAIR if recipe.paired else _PAIR[:1]
+        if isinstance(self.placement, TwoSignsPlacement):
+            corners = _SQUARE[self.placement.decides]
 
         def task(half: str) -> SceneTask:
             there = roads[half]
@@ -231,8 +236,8 @@ class SiteBuilder:
             pairs = zip(corners, found, strict=True)
             return [files(end, half, a).placed_plates(others) for (end, half, _), a in pairs]
 
-        there = task(SIGNED)
-        found = self._arranged(there, task)
+        tasks = [task(network) for _, network, _ in corners]
+        there, found = tasks[0], self._arranged(tasks)
         if len(found) == len(_PAIR):
             signed, contrast = found
             found = with_same_plates(there, signed, contrast, placed(found, None))
@@ -265,18 +270,18 @@ class SiteBuilder:
             rows.append(spec)
         return _Drawn(tuple(rows), variant.cars_per_lane_km, others.density)
 
-    def _arranged(self, there: SceneTask, task: Callable[[str], SceneTask]) -> tuple[Arrangement, ...]:
-        """The rows of a variant, in the order of its corners. Raises UnfitMapError."""
-        signed = self.placement.place(there)
-        if not self.recipe.paired:
+    def _arranged(self, tasks: Sequence[SceneTask]) -> tuple[Arrangement, ...]:
+        """The rows of a variant, from the task of each, in the order of its corners. Raises UnfitMapError."""
+        signed = self.placement.place(tasks[0])
+        if len(tasks) == 1:
             return (signed,)
-        contrast = self.placement.contrast(task(CONTRAST), signed)
+        contrast = self.placement.contrast(tasks[len(tasks) // 2], signed)
         if contrast is None:
             raise UnfitMapError("there is no contrast half")
         if not isinstance(self.placement, TwoSignsPlacement):
             return signed, contrast
-        halves = ((there, signed), (task(CONTRAST), contrast))
-        return tuple(a for at, one in halves for a in (one, self.placement.first_contrast(at, one)))
+        first, both = (self.placement.first_contrast(tasks[k], a) for k, a in ((1, signed), (3, contrast)))
+        return signed, first, contrast, both
 
     def _traffic(self, variant: Variant, writer: SceneFileWriter) -> tuple[Variant, OtherTraffic]:
         """The traffic of a scene, and its variant with the density that was asked in the end.

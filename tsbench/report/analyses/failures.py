@@ -227,7 +227,8 @@ def _draw(pool: RunPool, splits: Mapping[Key, Split], title: str, stacked: bool 
 _ROWS = 4
 _FIRST, _LAST = "first", "last"
 # Clauses of needless obedience to a first sign, by its rule.
-_NEEDLESS_OF = MappingProxyType({"speed": ("needless_slow",), "stop": ("needless_stop", "needless_yield")})
+_WAITING = ("needless_stop", "needless_yield")
+_NEEDLESS_OF = MappingProxyType({"speed": ("needless_slow",), "stop": _WAITING, "give_way": _WAITING})
 _NOTES = (
     f"squared SCD: all four rows of a square passed, %, with {INTERVAL_NOTE}; strict. n: squares",
     "rows passed: of four, mean. first, last: rows with an event of that sign's rule or needless obedience of it. Rows "
