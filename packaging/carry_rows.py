@@ -23,7 +23,7 @@ import pyarrow as pa
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_json
-from tsbench.run.edition import contract_hash, edition_here
+from tsbench.run.edition import LOCAL, contract_hash, edition_here
 from tsbench.run.log.folder import RunFolder
 from tsbench.run.log.journal import read_table
 from tsbench.run.log.manifest import NAME, city_of, new_manifest, planners_of, timestamp
@@ -36,20 +36,22 @@ from tsbench.scenarios.data_set import DataSet
 ROOT = Path(__file__).resolve().parent.parent
 _READ = ("tsbench", "sign_catalog", "scenarios/*.parquet", "cities/*.parquet", "cities/*.yaml")
 
+_WHOLE = ""
+
 
 def carry(folder: Path) -> tuple[int, int]:
     """Turn a complete run into one that is interrupted before the rows that differ.
 
     Returns how many episodes it has taken over, and of how many.
-    Raises InputError for a run that is not complete, has errors, or was driven by changed code.
+    Raises InputError for a run that is not complete, has errors, or was driven on what its commit does not have.
     """
     run = read_run(folder)
-    commit, changed = (run.manifest["git"][name] for name in ("commit", "modified"))
-    if run.manifest["status"] != "complete" or run.manifest["counts"]["errors"] or changed or not commit:
-        raise InputError(f"{folder}: is not complete, has errors, or was driven by code that no commit has")
-    effective = run.manifest["effective"]
-    before = _digests_at(commit, city_of(run.manifest), effective["split"])
-    now = digests(city_of(run.manifest), effective["split"])
+    commit, split = run.manifest["git"]["commit"], run.manifest["effective"]["split"]
+    if run.manifest["status"] != "complete" or run.manifest["counts"]["errors"]:
+        raise InputError(f"{folder}: is not complete, or has errors")
+    before, now = _digests_at(commit, city_of(run.manifest), split), digests(city_of(run.manifest), split)
+    if run.manifest["edition"].endswith(LOCAL) or before[_WHOLE] != run.manifest["contract"]:
+        raise InputError(f"{folder}: was driven by code or on scenes that commit {commit} does not have")
     same = {row for row, digest in now.items() if before.get(row) == digest}
 
     known = {name: run.manifest["asked"][name] for name in options_in(RunOptions) if name in run.manifest["asked"]}
@@ -57,7 +59,7 @@ def carry(folder: Path) -> tuple[int, int]:
     options = RunOptions(**{**known, "city": city_of(run.manifest), "out": folder, "workers": None})
     data = DataSet.named(options.city)
     plan = make_plan(options, data)
-    contract = contract_hash(plan.table, data.catalog)
+    contract = now[_WHOLE]
     told = options.resolved(plan.types, len(plan.scenarios), options.perceived())
     planners = planners_of(run.manifest)
     manifest = new_manifest(contract, run.manifest["asked"], told, planners, edition_here(contract, data))
@@ -76,9 +78,11 @@ def carry(folder: Path) -> tuple[int, int]:
 
 
 def digests(city: str, split: str) -> dict[str, str]:
-    """By scenario the contract of a table that has its row alone."""
+    """By scenario the contract of a table that has its row alone, and that of the whole table."""
     data = DataSet.named(city)
-    return {row.scenario_id: contract_hash([row], data.catalog) for row in data.table(split)}
+    rows = data.table(split)
+    alone = {row.scenario_id: contract_hash([row], data.catalog) for row in rows}
+    return {_WHOLE: contract_hash(sorted(rows, key=lambda row: row.scenario_id), data.catalog), **alone}
 
 
 def _digests_at(commit: str, city: str, split: str) -> dict[str, str]:

@@ -26,7 +26,7 @@ def script(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
     """Where one row was another when the run was driven; a shallow clone lacks the run's commit."""
     script = load_script("carry_rows")
     found = script.digests("moscow", "dev")
-    changed = next(iter(found))
+    changed = list(found)[1]
     monkeypatch.setattr(script, "_digests_at", lambda *_: found | {changed: "another", "gone": "row"})
     monkeypatch.setattr(script, "CHANGED", changed, raising=False)
     return script
@@ -46,10 +46,19 @@ def test_all_but_changed_rows_are_taken_over_as_they_stand(script: ModuleType, r
     assert (manifest["sessions"][-1]["carried_from"], manifest["sessions"][-1]["episodes"]) == (commit, len(wanted))
 
 
-@pytest.mark.parametrize("part", [{"status": "interrupted"}, {"git": {"commit": "a" * 40, "modified": True}}])
-def test_a_run_that_no_commit_explains_is_refused(script: ModuleType, run: Path, part: dict[str, object]) -> None:
+@pytest.mark.parametrize(
+    ("part", "said"),
+    [
+        ({"status": "interrupted"}, "is not complete"),
+        ({"edition": "2026.4+local"}, "does not have"),
+        ({"contract": "a" * 64}, "does not have"),
+    ],
+)
+def test_a_run_that_no_commit_explains_is_refused(
+    script: ModuleType, run: Path, part: dict[str, object], said: str
+) -> None:
     manifest = json.loads((run / "run.json").read_text()) | part
     (run / "run.json").write_text(json.dumps(manifest))
-    with pytest.raises(InputError, match="no commit has"):
+    with pytest.raises(InputError, match=said):
         script.carry(run)
     assert (run / "episodes.parquet").is_file()

@@ -47,6 +47,7 @@ from tsbench.sim.world import EGO_LENGTH_M
 
 # SUMO's priority of the road that gives way.
 _SECOND = 1
+_AFTER_S = "convoy_least_after_s", "convoy_most_after_s"
 
 
 class TwoSignsPlacement(ScenePlacement):
@@ -329,25 +330,28 @@ class YieldAheadPlacement(StopAheadPlacement):
         there = {(network.lanes[c.ego.to_lane].edge, c.priority): c for c in found}
         exits = [way[1] for way in (a.route_hint, a.compliant_hint)]
         pairs = [(c, there.get((exits[1], c.priority))) for (exit_, _), c in there.items() if exit_ == exits[0]]
-        latest, most = recipe.number("convoy_most_after_s"), recipe.number("both_ways_s")
-        options = [
-            one
-            for one, other in pairs
-            if other is not None
-            and abs(_arrives_later(task, other) - _arrives_later(task, one)) <= most
-            and all(line_lead(task, c, convoy_speed(task, c, recipe.number(SHARES[0]))) <= latest for c in (one, other))
-        ]
-        require(bool(options), "no path that has priority meets the ego's about as late on either way")
-        return convoy(task, options[task.variant.layout % len(options)])
+        known = [(c, late) for c, other in pairs if other is not None and (late := _how_late(task, c, other))]
+        require(bool(known), "no path that has priority meets the ego's late enough, and soon enough, on either way")
+        chosen, late = known[task.variant.layout % len(known)]
+        numbers = recipe.numbers | dict(zip(_AFTER_S, late, strict=True))
+        return convoy(replace(task, recipe=replace(recipe, numbers=numbers)), chosen)
 
 
-def _arrives_later(task: SceneTask, c: Conflict) -> float:
-    """How much sooner the ego is in a conflict's zone than a slow convoy that is at its line at 0 s is; s."""
-    turn, cruise = ego_speeds(task, c.ego)
+def _how_late(task: SceneTask, one: Conflict, other: Conflict) -> tuple[float, float] | None:
+    """How long after the ego on one way a convoy may be in the zone, s, so that it suits the other way as well."""
+    least, most = (task.recipe.number(name) for name in _AFTER_S)
     to_line = task.recipe.number("ego_before_line_m")
-    speed = start_speed(task, task.network.lanes[c.ego.from_lane])
-    eta = predicted_arrival(to_line, to_line + c.zone.a_in, speed, cruise, turn)
-    return c.zone.b_in / convoy_speed(task, c, task.recipe.number(SHARES[0])) - eta
+    speeds, lates = [], []
+    for c in (one, other):
+        turn, cruise = ego_speeds(task, c.ego)
+        v0 = start_speed(task, task.network.lanes[c.ego.from_lane])
+        speeds.append(convoy_speed(task, c, task.recipe.number(SHARES[0])))
+        eta = predicted_arrival(to_line, to_line + c.zone.a_in, v0, cruise, turn)
+        lates.append(c.zone.b_in / speeds[-1] - eta)
+    later = lates[1] - lates[0]
+    leads = [line_lead(task, c, speed) for c, speed in zip((one, other), speeds, strict=True)]
+    first, last = max(least, least - later, leads[0], leads[1] - later), min(most, most - later)
+    return (first, last) if first <= last else None
 
 
 def _with_first_road(plain: PlainNet, row: PoolRow, recipe: Recipe, *, crossing: bool) -> PlainNet:
