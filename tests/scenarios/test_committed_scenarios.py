@@ -95,7 +95,7 @@ def test_no_row_is_on_a_withdrawn_map(rows: list[ScenarioSpec], pool: dict[str, 
 
 
 def test_every_type_its_maps_and_variants(rows: list[ScenarioSpec]) -> None:
-    """Test and train are whole; of dev and two signs few maps are wanting, as the build says; holdout has what its district gives."""
+    """Test and train are whole; dev and two signs lack what the build says; holdout has what its district gives."""
     entries = json.loads((SCENARIOS / "build_report.json").read_text(encoding="utf-8"))
     short = {(e["split"], e["type_id"]): e["short"] for e in entries}
     assert len(rows) == len({r.scenario_id for r in rows})
