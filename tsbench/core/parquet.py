@@ -78,19 +78,15 @@ def read_rows(row: type[Row], path: Path, schema: pa.Schema, hint: str, later: S
     later: fields that older files lack, or hold nulls in; the default counts then.
     """
     table = open_table(path, schema, hint, later=later)
+    return [row(**{k: v for k, v in one.items() if v is not None or k not in later}) for one in dicts_of(table)]
+
+
+def dicts_of(table: pa.Table) -> Iterator[dict[str, Any]]:
+    """The rows; equal words are one string."""
     # In parts: all values as objects of Python take more room than all else.
-    return [one for part in table.to_batches(_PART_ROWS) for one in _rows(row, part, later)]
-
-
-def _rows(row: type[Row], part: pa.RecordBatch, later: Sequence[str]) -> Iterator[Row]:
-    names = part.schema.names
-    nulls = [name for name in names if name in later]
-    for values in zip(*(values_of(part.column(name)) for name in names), strict=True):
-        fields = dict(zip(names, values, strict=True))
-        for name in nulls:
-            if fields[name] is None:
-                del fields[name]
-        yield row(**fields)
+    for part in table.to_batches(_PART_ROWS):
+        for values in zip(*map(values_of, part.columns), strict=True):
+            yield dict(zip(part.schema.names, values, strict=True))
 
 
 def values_of(column: pa.Array | pa.ChunkedArray) -> list[Any]:

@@ -15,7 +15,7 @@ from typing import Any
 
 import tsbench
 from tsbench.core.benchmark import TYPES
-from tsbench.core.parquet import without
+from tsbench.core.parquet import dicts_of, without
 from tsbench.core.text import one_line
 from tsbench.episode.outcome import Outcome
 from tsbench.metrics.aggregate import PlannerSummary
@@ -90,7 +90,7 @@ def citation(run: StoredRun, planners: Sequence[PlannerSummary]) -> tuple[list[s
     return lines, _BIBTEX.format(edition=run.edition, scoring=scoring, version=tsbench.__version__)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Failure:
     """An episode without SCD. type: of its pair; plate: the code and value of its half's plate; outcome: how it ended.
 
@@ -116,9 +116,9 @@ def failures_of(run: StoredRun) -> list[Failure]:
     """A run's failed episodes, by planner in the order of the run and by scenario."""
     place = {name: k for k, name in enumerate(run.asked)}
     episodes = run.episodes.select(_COLUMNS)
-    rows = without(episodes, "scd").to_pylist()
     artwork = run.data.artwork()
-    return [_failure(row, run, artwork) for row in sorted(rows, key=lambda row: place[row["planner"]])]
+    found = (_failure(row, run, artwork) for row in dicts_of(without(episodes, "scd")))
+    return sorted(found, key=lambda failure: place[failure.planner])
 
 
 def _failure(row: Mapping[str, Any], run: StoredRun, artwork: Artwork) -> Failure:

@@ -117,8 +117,8 @@ def pack(header: Mapping[str, Any], arrays: Mapping[str, npt.NDArray[Any]] | Non
         described.append([name, kind, len(array)])
         planes = array.astype(array.dtype.newbyteorder("<")).view(np.uint8).reshape(-1, array.dtype.itemsize)
         parts.append(np.ascontiguousarray(planes.T).tobytes())
-    text = json.dumps({**header, "arrays": described}, ensure_ascii=False, allow_nan=False, separators=(",", ":"))
-    head = text.encode()
+    whole = {**header, "arrays": described}
+    head = json.dumps(whole, ensure_ascii=False, allow_nan=False, separators=(",", ":")).encode()
     return gzip.compress(struct.pack("<I", len(head)) + head + b"".join(parts), _LEVEL, mtime=0)
 
 

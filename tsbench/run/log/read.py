@@ -16,7 +16,7 @@ import pyarrow as pa
 import tsbench
 from tsbench.core.errors import InputError
 from tsbench.core.files import io_errors_as_input_errors, write_json
-from tsbench.core.parquet import with_text
+from tsbench.core.parquet import dicts_of, with_text
 from tsbench.core.typed import read_typed
 from tsbench.episode.perception_level import Perception
 from tsbench.run.edition import edition_here, edition_of, standing_contract
@@ -82,6 +82,7 @@ def tell_rescored(folder: Path, contract: str, files: Mapping[str, str] | None) 
 
 EPISODES = "episodes.parquet"
 _ENDED = ("complete", "interrupted")
+_OF_STORIES = ["planner", "scenario_id", "clause", "value", "threshold", "unit", "sentence"]
 
 
 @dataclass(frozen=True)
@@ -105,10 +106,10 @@ class StoredRun:
     @cached_property
     def stories(self) -> dict[tuple[str, str], dict[str, Any]]:
         """By planner and scenario: the event of its `violation_clause`, the first that counts against SCD."""
-        rows = self.episodes.select(["planner", "scenario_id", "violation_clause"]).to_pylist()
+        rows = dicts_of(self.episodes.select(["planner", "scenario_id", "violation_clause"]))
         clauses = {(row["planner"], row["scenario_id"]): row["violation_clause"] for row in rows}
         found: dict[tuple[str, str], dict[str, Any]] = {}
-        for event in self.violations.filter(self.violations["target"]).to_pylist():
+        for event in dicts_of(self.violations.filter(self.violations["target"]).select(_OF_STORIES)):
             key = event["planner"], event["scenario_id"]
             if event["clause"] == clauses.get(key):
                 found.setdefault(key, event)
