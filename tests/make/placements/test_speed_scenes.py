@@ -80,9 +80,13 @@ def test_two_zones_share_a_border_and_the_ego_starts_no_faster_than_the_other_al
     signed, contrast = halves_of(task_of(networks, type_id))
     low, high = ((half.signs[0].code, half.signs[0].posted) for half in (signed, contrast))
     assert low[1] < high[1]
+    end_of = {"5.21": "5.22", "5.31": "5.32"}
     for half, ours, theirs in ((signed, low, high), (contrast, high, low)):
-        assert [(s.code, s.posted, s.edge) for s in half.signs] == [(*ours, "road.1"), (*theirs, "back")]
-        begin, other = half.signs
+        begin, other, *ends = half.signs
+        assert [(s.code, s.posted, s.edge) for s in (begin, other)] == [(*ours, "road.1"), (*theirs, "back")]
+        # Zones of one kind end where another begins.
+        hung = [(end_of[theirs[0]], theirs[1], "road.0"), (end_of[ours[0]], ours[1], "back")]
+        assert [(s.code, s.posted, s.edge) for s in ends] == hung * (ours[0] != theirs[0])
         assert abs(begin.x - other.x) < 1.0
         assert low[1] < half.start.speed * 3.6 <= high[1] + 1e-9
 

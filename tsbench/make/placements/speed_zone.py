@@ -193,8 +193,8 @@ class SpeedZonePlacement(ScenePlacement):
 class ZonePlacement(SpeedZonePlacement):
     """`zone_speed_limit`, `residential_zone`: the ego's zone begins where another one ends, in which it starts.
 
-    Both go on beyond the map. At their border hang the begins of both, each facing the traffic that enters its zone. In
-    the contrast half the two zones are exchanged.
+    Both go on beyond the map. At their border hang the begins of both, each facing the traffic that enters its zone,
+    and where they are of two kinds the end of the other one before each. In the contrast half the zones are exchanged.
     """
 
     behind_zone = ("end_before_edge_m",)
@@ -202,11 +202,25 @@ class ZonePlacement(SpeedZonePlacement):
 
     def _signs(self, task: SceneTask, zone: Sequence[str], last: str, limit: float) -> tuple[SignInstance, ...]:
         """The target, and beside it the begin of the other zone."""
-        network, back = task.network, self.across(task, zone[0], 0.0)
-        theirs = self.other(task, limit)
-        return (
+        network, (facing, there) = task.network, self.across(task, zone[0], 0.0)
+        (begin, end), theirs = self.other_codes, self.other(task, limit)
+        signs = (
             plate_beside(network, self.code, zone[0], 0.0, ZoneParams((*zone, last)), value=limit),
-            plate_beside(network, self.other_codes[0], *back, number=1, role=DISTRACTOR, value=theirs),
+            plate_beside(network, begin, facing, there, number=1, role=DISTRACTOR, value=theirs),
+        )
+        if begin == self.code:
+            return signs
+        before, apart = f"{task.row.fields['edge']}.0", task.recipe.number("end_before_begin_m")
+        ends = (
+            (end, before, network.edge_lanes(before)[0].line.length - apart, theirs),
+            (self.end_code, facing, there - apart, limit),
+        )
+        return (
+            *signs,
+            *(
+                plate_beside(network, code, edge, s, number=number, role=DISTRACTOR, value=value)
+                for number, (code, edge, s, value) in enumerate(ends, 2)
+            ),
         )
 
     def before(self, task: SceneTask, limit: float) -> float:
