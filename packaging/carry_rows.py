@@ -23,6 +23,7 @@ import pyarrow as pa
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_json
+from tsbench.run.arithmetic import differences, facts
 from tsbench.run.edition import LOCAL, contract_hash, edition_here
 from tsbench.run.log.folder import RunFolder
 from tsbench.run.log.journal import read_table
@@ -35,7 +36,7 @@ from tsbench.scenarios.data_set import DataSet
 
 ROOT = Path(__file__).resolve().parent.parent
 _READ = ("tsbench", "sign_catalog", "scenarios/*.parquet", "cities/*.parquet", "cities/*.yaml")
-
+# Among names of rows that of their whole table.
 _WHOLE = ""
 
 
@@ -43,7 +44,8 @@ def carry(folder: Path) -> tuple[int, int]:
     """Turn a complete run into one that is interrupted before the rows that differ.
 
     Returns how many episodes it has taken over, and of how many.
-    Raises InputError for a run that is not complete, has errors, or was driven on what its commit does not have.
+    Raises InputError for a run that is not complete, has errors, or was driven with another arithmetic, or on what its
+    commit does not have.
     """
     run = read_run(folder)
     commit, split = run.manifest["git"]["commit"], run.manifest["effective"]["split"]
@@ -52,6 +54,9 @@ def carry(folder: Path) -> tuple[int, int]:
     before, now = _digests_at(commit, city_of(run.manifest), split), digests(city_of(run.manifest), split)
     if run.manifest["edition"].endswith(LOCAL) or before[_WHOLE] != run.manifest["contract"]:
         raise InputError(f"{folder}: was driven by code or on scenes that commit {commit} does not have")
+    device, specs = run.manifest["effective"]["device"], [planner.spec for planner in planners_of(run.manifest)]
+    if other := differences(run.manifest.get("arithmetic"), facts(), specs, device):
+        raise InputError(f"{folder}: {other[0]}: its rows and new ones would be of two machines")
     same = {row for row, digest in now.items() if before.get(row) == digest}
 
     known = {name: run.manifest["asked"][name] for name in options_in(RunOptions) if name in run.manifest["asked"]}
@@ -59,8 +64,7 @@ def carry(folder: Path) -> tuple[int, int]:
     options = RunOptions(**{**known, "city": city_of(run.manifest), "out": folder, "workers": None})
     data = DataSet.named(options.city)
     plan = make_plan(options, data)
-    contract = now[_WHOLE]
-    told = options.resolved(plan.types, len(plan.scenarios), options.perceived())
+    contract, told = now[_WHOLE], options.resolved(plan.types, len(plan.scenarios), options.perceived())
     planners = planners_of(run.manifest)
     manifest = new_manifest(contract, run.manifest["asked"], told, planners, edition_here(contract, data))
     keys = [(planner.name, row.scenario_id) for planner in planners for row in plan.scenarios]

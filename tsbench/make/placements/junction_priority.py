@@ -33,6 +33,8 @@ _LENGTH_M = 4.5
 _FIRST_ENTRY_S = 1.0
 # Least and most share of what the class of a convoy's road allows.
 SHARES = "convoy_least_share", "convoy_most_share"
+# Least and most time from the ego in the zone to a convoy that goes first.
+AFTER_S = "convoy_least_after_s", "convoy_most_after_s"
 
 
 @dataclass(frozen=True)
@@ -206,6 +208,23 @@ def line_lead(task: SceneTask, chosen: Conflict, speed: float) -> float:
     return chosen.zone.b_in / speed + max(shown, KEEPS_BACK_S)
 
 
+def how_late(task: SceneTask, one: Conflict, other: Conflict) -> tuple[float, float] | None:
+    """How long after the ego on one way a convoy may be in the zone, s, so that it suits the other way as well."""
+    least, most = (task.recipe.number(name) for name in AFTER_S)
+    to_line = task.recipe.number("ego_before_line_m")
+    speeds, lates = [], []
+    for c in (one, other):
+        turn, cruise = ego_speeds(task, c.ego)
+        v0 = start_speed(task, task.network.lanes[c.ego.from_lane])
+        speeds.append(convoy_speed(task, c, task.recipe.number(SHARES[0])))
+        eta = predicted_arrival(to_line, to_line + c.zone.a_in, v0, cruise, turn)
+        lates.append(c.zone.b_in / speeds[-1] - eta)
+    later = lates[1] - lates[0]
+    leads = [line_lead(task, c, speed) for c, speed in zip((one, other), speeds, strict=True)]
+    first, last = max(least, least - later, leads[0], leads[1] - later), min(most, most - later)
+    return (first, last) if first <= last else None
+
+
 def conflicts(
     network: RoadNetwork, graph: LaneGraph, arms: Arms, *, slowest_turn: float, most_to_zone: float
 ) -> list[Conflict]:
@@ -268,7 +287,7 @@ def convoy(task: SceneTask, chosen: Conflict) -> ConvoySetup:
     v0 = start_speed(task, ego_lane)
     eta = predicted_arrival(to_line, to_line + chosen.zone.a_in, v0, cruise, turn)
     speed = convoy_speed(task, chosen, float(rng.uniform(recipe.number(SHARES[0]), recipe.number(SHARES[1]))))
-    least, most = recipe.number("convoy_least_after_s"), recipe.number("convoy_most_after_s")
+    least, most = (recipe.number(name) for name in AFTER_S)
     after = max(float(rng.uniform(least, most)), line_lead(task, chosen, speed))
     body = replace(
         task.drivers[0],

@@ -12,27 +12,8 @@ from tsbench.geometry.elementary import LEFT, RIGHT, turn_class
 from tsbench.make.maps.pieces import heading_towards
 from tsbench.make.maps.plain import PlainNet
 from tsbench.make.placements.dual_path import ManoeuvrePlacement
-from tsbench.make.placements.junction_priority import (
-    SHARES,
-    Arms,
-    Conflict,
-    conflicts,
-    convoy,
-    convoy_speed,
-    ego_speeds,
-    gives_way,
-    line_lead,
-    link,
-)
-from tsbench.make.placements.placement import (
-    Arrangement,
-    ConvoySetup,
-    ScenePlacement,
-    SceneTask,
-    plate_beside,
-    require,
-    start_speed,
-)
+from tsbench.make.placements.junction_priority import AFTER_S, Arms, conflicts, convoy, gives_way, how_late, link
+from tsbench.make.placements.placement import Arrangement, ConvoySetup, ScenePlacement, SceneTask, plate_beside, require
 from tsbench.make.placements.speed_zone import KMH, SpeedZonePlacement, ZonePlacement, fastest_before
 from tsbench.make.scenes.plate_roads import plate_roads
 from tsbench.make.scenes.recipe import Recipe
@@ -41,13 +22,11 @@ from tsbench.scenarios.map_pool import PoolRow
 from tsbench.signs.annotations import DISTRACTOR, TARGET, SignInstance, overruled
 from tsbench.signs.contrast import ContrastClause, PassageParams, SlowZoneParams
 from tsbench.signs.rule_kinds import GiveWayParams, ZoneParams
-from tsbench.sim.convoy import predicted_arrival
 from tsbench.sim.scene import EgoStart
 from tsbench.sim.world import EGO_LENGTH_M
 
 # SUMO's priority of the road that gives way.
 _SECOND = 1
-_AFTER_S = "convoy_least_after_s", "convoy_most_after_s"
 
 
 class TwoSignsPlacement(ScenePlacement):
@@ -237,6 +216,7 @@ class StopAheadPlacement(TwoSignsPlacement):
 
     # Of the recipe's choices: plates of the crossing road and of the opposite approach, and the ego's contrast plate.
     plates = ("main_plates", "empty_plates", "empty_plates")
+    # So many approaches come from straight ahead, at least.
     opposite = 1
 
     def __init__(self, recipe: Recipe) -> None:
@@ -330,28 +310,11 @@ class YieldAheadPlacement(StopAheadPlacement):
         there = {(network.lanes[c.ego.to_lane].edge, c.priority): c for c in found}
         exits = [way[1] for way in (a.route_hint, a.compliant_hint)]
         pairs = [(c, there.get((exits[1], c.priority))) for (exit_, _), c in there.items() if exit_ == exits[0]]
-        known = [(c, late) for c, other in pairs if other is not None and (late := _how_late(task, c, other))]
+        known = [(c, late) for c, other in pairs if other is not None and (late := how_late(task, c, other))]
         require(bool(known), "no path that has priority meets the ego's late enough, and soon enough, on either way")
         chosen, late = known[task.variant.layout % len(known)]
-        numbers = recipe.numbers | dict(zip(_AFTER_S, late, strict=True))
+        numbers = recipe.numbers | dict(zip(AFTER_S, late, strict=True))
         return convoy(replace(task, recipe=replace(recipe, numbers=numbers)), chosen)
-
-
-def _how_late(task: SceneTask, one: Conflict, other: Conflict) -> tuple[float, float] | None:
-    """How long after the ego on one way a convoy may be in the zone, s, so that it suits the other way as well."""
-    least, most = (task.recipe.number(name) for name in _AFTER_S)
-    to_line = task.recipe.number("ego_before_line_m")
-    speeds, lates = [], []
-    for c in (one, other):
-        turn, cruise = ego_speeds(task, c.ego)
-        v0 = start_speed(task, task.network.lanes[c.ego.from_lane])
-        speeds.append(convoy_speed(task, c, task.recipe.number(SHARES[0])))
-        eta = predicted_arrival(to_line, to_line + c.zone.a_in, v0, cruise, turn)
-        lates.append(c.zone.b_in / speeds[-1] - eta)
-    later = lates[1] - lates[0]
-    leads = [line_lead(task, c, speed) for c, speed in zip((one, other), speeds, strict=True)]
-    first, last = max(least, least - later, leads[0], leads[1] - later), min(most, most - later)
-    return (first, last) if first <= last else None
 
 
 def _with_first_road(plain: PlainNet, row: PoolRow, recipe: Recipe, *, crossing: bool) -> PlainNet:
