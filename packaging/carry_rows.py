@@ -23,6 +23,7 @@ import pyarrow as pa
 
 from tsbench.core.errors import InputError
 from tsbench.core.files import write_json
+from tsbench.core.parquet import dicts_of
 from tsbench.run.arithmetic import differences, facts
 from tsbench.run.edition import LOCAL, contract_hash, edition_here
 from tsbench.run.log.folder import RunFolder
@@ -103,7 +104,7 @@ def _digests_at(commit: str, city: str, split: str) -> dict[str, str]:
 
 def _by_episode(table: pa.Table) -> dict[tuple[str, str], list[dict[str, object]]]:
     found: dict[tuple[str, str], list[dict[str, object]]] = {}
-    for row in table.to_pylist():
+    for row in dicts_of(table):
         found.setdefault((row["planner"], row["scenario_id"]), []).append(row)
     return found
 

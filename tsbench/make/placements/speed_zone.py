@@ -204,24 +204,17 @@ class ZonePlacement(SpeedZonePlacement):
         """The target, and beside it the begin of the other zone."""
         network, (facing, there) = task.network, self.across(task, zone[0], 0.0)
         (begin, end), theirs = self.other_codes, self.other(task, limit)
-        signs = (
-            plate_beside(network, self.code, zone[0], 0.0, ZoneParams((*zone, last)), value=limit),
-            plate_beside(network, begin, facing, there, number=1, role=DISTRACTOR, value=theirs),
+        target = plate_beside(network, self.code, zone[0], 0.0, ZoneParams((*zone, last)), value=limit)
+        hung = [(begin, facing, there, theirs)]
+        if begin != self.code:
+            before, apart = f"{task.row.fields['edge']}.0", task.recipe.number("end_before_begin_m")
+            hung.append((end, before, network.edge_lanes(before)[0].line.length - apart, theirs))
+            hung.append((self.end_code, facing, there - apart, limit))
+        others = (
+            plate_beside(network, code, edge, s, number=number, role=DISTRACTOR, value=value)
+            for number, (code, edge, s, value) in enumerate(hung, 1)
         )
-        if begin == self.code:
-            return signs
-        before, apart = f"{task.row.fields['edge']}.0", task.recipe.number("end_before_begin_m")
-        ends = (
-            (end, before, network.edge_lanes(before)[0].line.length - apart, theirs),
-            (self.end_code, facing, there - apart, limit),
-        )
-        return (
-            *signs,
-            *(
-                plate_beside(network, code, edge, s, number=number, role=DISTRACTOR, value=value)
-                for number, (code, edge, s, value) in enumerate(ends, 2)
-            ),
-        )
+        return target, *others
 
     def before(self, task: SceneTask, limit: float) -> float:
         """No faster than the other zone allows."""

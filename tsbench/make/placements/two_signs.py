@@ -234,15 +234,21 @@ class StopAheadPlacement(TwoSignsPlacement):
         """The same: the plates of the other way mean nothing else to other traffic."""
         return self.prepare(row, plain, recipe)
 
-    def first_contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:  # noqa: ARG002
+    def first_contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
         """The ego's and the opposite plate exchanged."""
         plate = signed.signs[_count_of_last(signed)]
         swapped = {plate.code: self._instead, self._instead: plate.code}
+        params = replace(plate.params_as(GiveWayParams), main_in=self._first_in_contrast(task, plate))
         way = signed.compliant_hint or signed.route_hint
-        passage = PassageParams(plate.edge, way[1], plate.params_as(GiveWayParams).main_in)
+        passage = PassageParams(plate.edge, way[1], params.main_in)
         clauses = (ContrastClause(name, passage, plate.id) for name in ("needless_stop", "needless_yield"))
-        signs = tuple(replace(sign, code=swapped.get(sign.code, sign.code)) for sign in signed.signs)
+        exchanged = (replace(sign, code=swapped.get(sign.code, sign.code)) for sign in signed.signs)
+        signs = tuple(replace(sign, params=params) if sign.id == plate.id else sign for sign in exchanged)
         return replace(signed, signs=signs, contrast=(*clauses, *signed.contrast))
+
+    def _first_in_contrast(self, task: SceneTask, plate: SignInstance) -> tuple[str, ...]:  # noqa: ARG002
+        """Edges whose vehicles go before the ego's in the contrast half: the same."""
+        return plate.params_as(GiveWayParams).main_in
 
     def _with_first(self, task: SceneTask, a: Arrangement) -> Arrangement:
         """The stop plate on the ego's approach, before the last sign's, and those of the other approaches."""
@@ -283,17 +289,15 @@ class YieldAheadPlacement(StopAheadPlacement):
 
     def first_contrast(self, task: SceneTask, signed: Arrangement) -> Arrangement:
         """The convoy gives way to an ego that goes as the last sign says."""
-        found, cars, count = super().first_contrast(task, signed), signed.convoy, _count_of_last(signed)
+        cars, way = signed.convoy, signed.compliant_hint or signed.route_hint
         assert cars is not None
-        way, theirs = signed.compliant_hint or signed.route_hint, link(task.network, cars.lane, cars.edges[1])
-        own = link(task.network, signed.start.lane, way[1])
+        theirs, own = link(task.network, cars.lane, cars.edges[1]), link(task.network, signed.start.lane, way[1])
         require(gives_way(theirs, own), "with other plates the convoy does not give way to the ego")
-        yields, *others = found.signs[count:]
-        main_in = tuple(_other_approaches(task, yields.edge)[1])
-        yields = replace(yields, params=replace(yields.params_as(GiveWayParams), main_in=main_in))
-        passage = PassageParams(yields.edge, way[1], main_in)
-        clauses = (replace(c, params=passage) if c.sign == yields.id else c for c in found.contrast)
-        return replace(found, signs=(*found.signs[:count], yields, *others), contrast=tuple(clauses))
+        return super().first_contrast(task, signed)
+
+    def _first_in_contrast(self, task: SceneTask, plate: SignInstance) -> tuple[str, ...]:
+        """The opposite approach: it is on the ego's road."""
+        return tuple(_other_approaches(task, plate.edge)[1])
 
     def _with_first(self, task: SceneTask, a: Arrangement) -> Arrangement:
         """With the convoy, which the last sign's halves share."""
