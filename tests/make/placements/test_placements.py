@@ -33,6 +33,7 @@ from tsbench.scenarios.map_pool import PoolRow
 from tsbench.scenarios.spec import ScenarioSpec
 from tsbench.signs.annotations import overruled
 from tsbench.signs.catalog import load_catalog
+from tsbench.signs.rule_kinds import GiveWayParams
 from tsbench.sim.world import EGO_LENGTH_M
 
 LAYOUTS = range(6)
@@ -313,7 +314,9 @@ def test_a_convoy_meets_the_ego_on_either_way(shape: str, tmp_path: Path, monkey
             assert (gives_way(own, lead), gives_way(lead, own)) == (waits, not waits)
         plates = {p.edge: p.code for p in scene.signs if p.code in ("2.1", "2.4")}
         mine, across = ("2.4", "2.1") if waits else ("2.1", "2.4")
-        assert plates == {"ab": mine, "pb": across, "qb": across} | ({"tb": mine} if shape == "X" else {})
+        opposite = ("tb",) * (shape == "X")
+        assert plates == {"ab": mine, "pb": across, "qb": across} | dict.fromkeys(opposite, mine)
+        assert scene.target_signs[0].params_as(GiveWayParams).main_in == (("pb", "qb") if waits else opposite)
 
 
 def test_an_unfit_map_is_a_reason_not_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
